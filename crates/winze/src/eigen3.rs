@@ -1,0 +1,247 @@
+//! Eigenvalues and eigenvectors of symmetric 3×3 matrices, in closed form.
+//!
+//! Normals, ISS and NDT each solve one of these a point, so it is the innermost kernel of all.
+//! The trigonometric solution of the characteristic cubic (Smith 1961), in `f64` after scaling,
+//! with eigenvectors as cross products of rows; where two eigenvalues are too close for that, cyclic
+//! Jacobi rotations, which always give an orthonormal basis.
+
+use crate::symmetric::{eigen, rotation};
+
+/// Eigenvalues in ascending order and their unit eigenvectors (`vectors[i]` belongs to `values[i]`),
+/// a right-handed basis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Eigen3 {
+    /// Ascending.
+    pub values: [f64; 3],
+    /// Orthonormal; each one's sign is arbitrary.
+    pub vectors: [[f64; 3]; 3],
+}
+
+/// A symmetric 3×3 matrix as `[xx, xy, xz, yy, yz, zz]`.
+pub type Symmetric3 = [f64; 6];
+
+/// The decomposition of `m`. A matrix with an entry that is not finite gives NaN eigenvalues.
+#[must_use]
+pub fn eigen3(m: &Symmetric3) -> Eigen3 {
+    let scale = m.iter().fold(0.0f64, |a, v| a.max(v.abs()));
+    if !(scale > 0.0 && scale.is_finite()) {
+        let value = if scale == 0.0 && m.iter().all(|v| *v == 0.0) {
+            0.0
+        } else {
+            f64::NAN
+        };
+        return Eigen3 {
+            values: [value; 3],
+            vectors: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+        };
+    }
+    let a = m.map(|v| v / scale);
+    let values = eigenvalues(&a);
+    // The vector of the eigenvalue that stands furthest apart is the best determined one.
+    let (low_gap, high_gap) = (values[1] - values[0], values[2] - values[1]);
+    let spread = values[2] - values[0];
+    let found = if low_gap.max(high_gap) < 1e-5 * spread.max(f64::MIN_POSITIVE) || spread < 1e-7 {
+        None
+    } else if low_gap >= high_gap {
+        basis_from(&a, &values, 0)
+    } else {
+        basis_from(&a, &values, 2)
+    };
+    let (values, vectors) = found.unwrap_or_else(|| {
+        let e = eigen([[a[0], a[1], a[2]], [a[1], a[3], a[4]], [a[2], a[4], a[5]]]);
+        (e.values, right_handed(e.vectors))
+    });
+    Eigen3 {
+        values: values.map(|v| v * scale),
+        vectors,
+    }
+}
+
+/// Roots of the characteristic polynomial, ascending.
+fn eigenvalues(a: &Symmetric3) -> [f64; 3] {
+    let [xx, xy, xz, yy, yz, zz] = *a;
+    let mean = (xx + yy + zz) / 3.0;
+    let (dx, dy, dz) = (xx - mean, yy - mean, zz - mean);
+    let off = xy * xy + xz * xz + yz * yz;
+    let p = ((dx * dx + dy * dy + dz * dz + 2.0 * off) / 6.0).sqrt();
+    if p == 0.0 {
+        return [mean; 3];
+    }
+    let determinant =
+        dx * (dy * dz - yz * yz) - xy * (xy * dz - yz * xz) + xz * (xy * yz - dy * xz);
+    let r = (determinant / (2.0 * p * p * p)).clamp(-1.0, 1.0);
+    let phi = libm::acos(r) / 3.0;
+    let high = mean + 2.0 * p * libm::cos(phi);
+    let low = mean + 2.0 * p * libm::cos(phi + std::f64::consts::TAU / 3.0);
+    [low, 3.0 * mean - low - high, high]
+}
+
+/// The eigenvector of `values[which]` (0 or 2) from the cross products of the rows of `A − λI`,
+/// then the other two from the 2×2 problem in the plane across it.
+fn basis_from(
+    a: &Symmetric3,
+    values: &[f64; 3],
+    which: usize,
+) -> Option<([f64; 3], [[f64; 3]; 3])> {
+    let [xx, xy, xz, yy, yz, zz] = *a;
+    let l = values[which];
+    let rows = [[xx - l, xy, xz], [xy, yy - l, yz], [xz, yz, zz - l]];
+    let crosses = [
+        cross(rows[0], rows[1]),
+        cross(rows[0], rows[2]),
+        cross(rows[1], rows[2]),
+    ];
+    let norms = crosses.map(|c| dot(c, c));
+    let mut best = 0;
+    for i in 1..3 {
+        if norms[i] > norms[best] {
+            best = i;
+        }
+    }
+    if norms[best] < 1e-20 {
+        return None;
+    }
+    let w = scaled(crosses[best], 1.0 / norms[best].sqrt());
+    // Any orthonormal u, v across w.
+    let u = if w[0].abs() > w[1].abs() {
+        scaled([-w[2], 0.0, w[0]], 1.0 / (w[0] * w[0] + w[2] * w[2]).sqrt())
+    } else {
+        scaled([0.0, w[2], -w[1]], 1.0 / (w[1] * w[1] + w[2] * w[2]).sqrt())
+    };
+    let v = cross(w, u);
+    let (au, av) = (times(a, u), times(a, v));
+    let (uu, uv, vv) = (dot(u, au), dot(u, av), dot(v, av));
+    // One Jacobi rotation solves the 2×2 problem exactly.
+    let (c, s) = rotation(uu, uv, vv);
+    let first = add(scaled(u, c), scaled(v, -s));
+    let second = add(scaled(u, s), scaled(v, c));
+    let rayleigh = |x: [f64; 3]| dot(x, times(a, x));
+    let (mut p, mut q) = ((rayleigh(first), first), (rayleigh(second), second));
+    if p.0 > q.0 {
+        std::mem::swap(&mut p, &mut q);
+    }
+    let own = (rayleigh(w), w);
+    let order = if which == 0 { [own, p, q] } else { [p, q, own] };
+    Some((order.map(|o| o.0), right_handed(order.map(|o| o.1))))
+}
+
+fn right_handed(mut v: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
+    if dot(cross(v[0], v[1]), v[2]) < 0.0 {
+        v[2] = scaled(v[2], -1.0);
+    }
+    v
+}
+
+fn times(a: &Symmetric3, v: [f64; 3]) -> [f64; 3] {
+    [
+        a[0] * v[0] + a[1] * v[1] + a[2] * v[2],
+        a[1] * v[0] + a[3] * v[1] + a[4] * v[2],
+        a[2] * v[0] + a[4] * v[1] + a[5] * v[2],
+    ]
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn scaled(a: [f64; 3], s: f64) -> [f64; 3] {
+    a.map(|v| v * s)
+}
+
+fn add(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix3, SymmetricEigen};
+    use proptest::prelude::*;
+
+    fn check(m: &Symmetric3) {
+        let e = eigen3(m);
+        let scale = m
+            .iter()
+            .fold(0.0f64, |a, v| a.max(v.abs()))
+            .max(f64::MIN_POSITIVE);
+        for i in 0..3 {
+            let av = times(m, e.vectors[i]);
+            for k in 0..3 {
+                let residual = (av[k] - e.values[i] * e.vectors[i][k]).abs() / scale;
+                assert!(residual < 1e-9, "residual {residual:e} for {m:?}: {e:?}");
+            }
+            for j in 0..3 {
+                let expected = if i == j { 1.0 } else { 0.0 };
+                assert!(
+                    (dot(e.vectors[i], e.vectors[j]) - expected).abs() < 1e-9,
+                    "{m:?}: {e:?}"
+                );
+            }
+        }
+        assert!(
+            e.values[0] <= e.values[1] + 1e-12 * scale
+                && e.values[1] <= e.values[2] + 1e-12 * scale
+        );
+        let full = Matrix3::new(m[0], m[1], m[2], m[1], m[3], m[4], m[2], m[4], m[5]);
+        let mut oracle: Vec<f64> = SymmetricEigen::new(full)
+            .eigenvalues
+            .iter()
+            .copied()
+            .collect();
+        oracle.sort_by(f64::total_cmp);
+        for (a, b) in e.values.iter().zip(oracle) {
+            assert!((a - b).abs() < 1e-9 * scale, "{m:?}: {:?}", e.values);
+        }
+    }
+
+    #[test]
+    fn degenerate_matrices() {
+        check(&[0.0; 6]);
+        check(&[1.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+        check(&[1.0, 0.0, 0.0, 1.0, 0.0, 0.0]);
+        check(&[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        check(&[1.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
+        check(&[2.0, 0.0, 0.0, 1.0, 0.0, 1.0]);
+        check(&[1.0, 1e-9, 0.0, 1.0 + 1e-9, 1e-10, 1.0]);
+        check(&[1e-300, 0.0, 0.0, 2e-300, 0.0, 3e-300]);
+        check(&[1e30, 1e29, 0.0, 2e30, 0.0, 3e-30]);
+        assert!(eigen3(&[f64::NAN; 6]).values[0].is_nan());
+        assert!(eigen3(&[f64::INFINITY, 0.0, 0.0, 0.0, 0.0, 0.0]).values[0].is_nan());
+    }
+
+    #[test]
+    fn a_hand_computed_matrix() {
+        // [[2, 1, 0], [1, 2, 0], [0, 0, 5]] has eigenvalues 1, 3, 5.
+        let e = eigen3(&[2.0, 1.0, 0.0, 2.0, 0.0, 5.0]);
+        for (a, b) in e.values.iter().zip([1.0, 3.0, 5.0]) {
+            assert!((a - b).abs() < 1e-14);
+        }
+        assert!((e.vectors[0][0] + e.vectors[0][1]).abs() < 1e-14);
+    }
+
+    proptest! {
+        #[test]
+        fn random_matrices(v in proptest::array::uniform6(-10.0..10.0f64)) {
+            check(&v);
+        }
+
+        #[test]
+        fn covariances_of_planes_and_lines(
+            a in proptest::array::uniform3(-1.0..1.0f64),
+            b in proptest::array::uniform3(-1.0..1.0f64),
+            thin in 0.0..1e-6f64,
+        ) {
+            let outer = |v: [f64; 3], s: f64| [v[0]*v[0]*s, v[0]*v[1]*s, v[0]*v[2]*s, v[1]*v[1]*s, v[1]*v[2]*s, v[2]*v[2]*s];
+            let (p, q) = (outer(a, 1.0), outer(b, thin));
+            check(&std::array::from_fn(|i| p[i] + q[i]));
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! Parallel loops whose answers do not depend on the number of threads.
+//!
+//! Floating-point sums depend on their order, so partial results are made over chunks of a fixed
+//! size and joined in order, never in the order in which threads finish.
+
+use rayon::prelude::*;
+use std::ops::Range;
+
+/// Items a chunk holds. Fixed: it is part of the answer.
+const CHUNK: usize = 1024;
+
+/// `f` over consecutive ranges that cover `0..n`, the results in order.
+pub(crate) fn chunks<R: Send>(n: usize, f: impl Fn(Range<usize>) -> R + Sync) -> Vec<R> {
+    (0..n.div_ceil(CHUNK))
+        .into_par_iter()
+        .map(|c| f(c * CHUNK..((c + 1) * CHUNK).min(n)))
+        .collect()
+}
+
+/// One value for each of `0..n`, computed with scratch space that a chunk shares.
+pub(crate) fn map_with<S, T: Send>(
+    n: usize,
+    scratch: impl Fn() -> S + Sync,
+    f: impl Fn(&mut S, usize) -> T + Sync,
+) -> Vec<T> {
+    let parts = chunks(n, |range| {
+        let mut s = scratch();
+        range.map(|i| f(&mut s, i)).collect::<Vec<T>>()
+    });
+    let mut out = Vec::with_capacity(n);
+    for part in parts {
+        out.extend(part);
+    }
+    out
+}
+
+/// The sum over `0..n` of what `f` adds to each chunk's accumulator, chunk by chunk in order.
+pub(crate) fn sum<A: Default + Send>(
+    n: usize,
+    f: impl Fn(&mut A, usize) + Sync,
+    add: impl Fn(&mut A, A),
+) -> A {
+    let parts = chunks(n, |range| {
+        let mut a = A::default();
+        for i in range {
+            f(&mut a, i);
+        }
+        a
+    });
+    let mut total = A::default();
+    for part in parts {
+        add(&mut total, part);
+    }
+    total
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn float_sums_do_not_depend_on_threads() {
+        let values: Vec<f32> = (0..100_000).map(|i| (i as f32 * 0.37).sin()).collect();
+        let run = |threads| {
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap()
+                .install(|| {
+                    sum(
+                        values.len(),
+                        |a: &mut f32, i| *a += values[i],
+                        |a, b| *a += b,
+                    )
+                    .to_bits()
+                })
+        };
+        assert_eq!(run(1), run(3));
+        assert_eq!(run(1), run(8));
+    }
+
+    #[test]
+    fn every_index_once_in_order() {
+        let got = map_with(5000, || 0, |_, i| i);
+        assert_eq!(got, (0..5000).collect::<Vec<_>>());
+        assert!(map_with(0, || 0, |_, i| i).is_empty());
+    }
+}
