@@ -1,16 +1,25 @@
 //! Find a robot in its own map, underground.
 
 pub mod cloud;
+pub mod config;
+pub mod denoise;
 pub mod eigen3;
 pub mod error;
 pub mod fit;
 pub mod kdtree;
+pub mod normals;
 mod parallel;
 pub mod pose;
+pub mod prepare;
+pub mod refine;
 pub mod rng;
+pub mod scale;
 mod symmetric;
+#[cfg(test)]
+mod test_world;
 pub mod voxel;
 
 pub use cloud::Cloud;
+pub use config::Config;
 pub use error::{Error, Result};
 pub use pose::{Pose, PoseDistance};

@@ -1,0 +1,212 @@
+//! The sections: one plain struct a stage.
+
+use super::Rule::{self, Any, Between, NonNegative, Positive};
+use super::choices::{DescriptorVariant, IcpMetric, IssCentre, Kernel, NdtForm, Orientation};
+use super::length::Length;
+use super::schema::{Checked, section};
+
+section! {
+    /// The length scale that everything follows from.
+    pub struct ScaleConfig("scale") {
+        /// Voxel size in metres; 0 takes it from the data (point spacing, passage width, extent).
+        voxel: f64 = 0.0, NonNegative;
+        /// How many scales `auto` tries before it gives up.
+        tries: usize = 3, Between(1.0, 8.0);
+    }
+}
+
+section! {
+    /// From a raw cloud to an even one with normals.
+    pub struct PrepareConfig("prepare") {
+        /// Query points nearer to the sensor than this are dropped (the robot itself), metres; 0: none.
+        min_range: f64 = 0.0, NonNegative;
+        /// Query points further from the sensor than this are dropped, metres; 0: none.
+        max_range: f64 = 0.0, NonNegative;
+        /// Remove outliers before thinning, as the seed paper does; else after, where densities are even.
+        denoise_first: bool = false, Any;
+        /// Neighbours of the statistical outlier test; 0 switches it off.
+        statistical_neighbours: usize = 12, Any;
+        /// A point stays while its mean neighbour distance is below mean + this many deviations.
+        statistical_deviations: f64 = 3.0, NonNegative;
+        /// Radius of the radius outlier test.
+        outlier_radius: Length = Length::Voxels(3.0), NonNegative;
+        /// Neighbours a point must have within that radius; 0 switches the test off.
+        radius_neighbours: usize = 0, Any;
+        /// Radius of the neighbourhood a normal is fitted to.
+        normal_radius: Length = Length::Voxels(3.5), NonNegative;
+        /// Nearest neighbours that it takes even beyond the radius, where rings or rows lie far apart.
+        normal_least: usize = 16, Any;
+        /// Nearest neighbours that it takes at most; 0: all within the radius.
+        normal_most: usize = 0, Any;
+        /// Where the sign of a normal comes from.
+        orientation: Orientation = Orientation::OpenSide, Any;
+        /// Radius within which the open side of a surface is judged: about a passage's width.
+        open_side_radius: Length = Length::Voxels(16.0), Positive;
+    }
+}
+
+section! {
+    /// ISS keypoints.
+    pub struct IssConfig("iss") {
+        /// Radius of the neighbourhood whose scatter is taken.
+        salient_radius: Length = Length::Voxels(6.0), Positive;
+        /// Bound on λ2/λ1, the seed paper's γ21.
+        gamma_21: f64 = 0.975, Between(0.0, 1.0);
+        /// Bound on λ3/λ2, the seed paper's γ32.
+        gamma_32: f64 = 0.975, Between(0.0, 1.0);
+        /// λ3 over the squared radius must exceed this: how much relief a keypoint needs.
+        min_relief: f64 = 0.0005, NonNegative;
+        /// Neighbours a point must have within the salient radius.
+        min_neighbours: usize = 5, Any;
+        /// What the scatter is taken about.
+        centre: IssCentre = IssCentre::Point, Any;
+        /// Weigh each neighbour by the inverse of its own number of neighbours.
+        density_weighting: bool = false, Any;
+        /// One keypoint a cell of this size is kept; 0: no cells.
+        cell: Length = Length::Voxels(3.0), NonNegative;
+        /// A keypoint must be the most salient within this radius; 0: no such test.
+        non_max_radius: Length = Length::Voxels(0.0), NonNegative;
+        /// Where fewer keypoints qualify, the most salient others fill up to this many.
+        min_keypoints: usize = 2000, Any;
+        /// At most this many keypoints, the most salient; 0: no limit.
+        max_keypoints: usize = 20_000, Any;
+    }
+}
+
+section! {
+    /// FPFH descriptors.
+    pub struct FpfhConfig("fpfh") {
+        /// Radius of the neighbourhood that is described.
+        radius: Length = Length::Voxels(6.0), Positive;
+        /// How neighbours' histograms are summed.
+        variant: DescriptorVariant = DescriptorVariant::Paper, Any;
+        /// Describe without regard to the signs of normals.
+        unsigned: bool = false, Any;
+    }
+}
+
+section! {
+    /// Descriptor matching.
+    pub struct MatchingConfig("matching") {
+        /// Nearest map descriptors taken for each query descriptor.
+        neighbours: usize = 1, Between(1.0, 64.0);
+        /// Keep a match only if it is one seen from the map as well.
+        mutual: bool = true, Any;
+        /// Drop a match that is not closer than this times the next best; 1: keep all.
+        ratio: f64 = 1.0, Between(0.0, 1.0);
+    }
+}
+
+section! {
+    /// RANSAC over correspondences.
+    pub struct RansacConfig("ransac") {
+        /// A correspondence is an inlier of a pose within this distance.
+        inlier_distance: Length = Length::Voxels(2.0), Positive;
+        /// Ratio of an edge's lengths in the two clouds below which a sample is thrown away.
+        edge_similarity: f64 = 0.9, Between(0.0, 1.0);
+        /// Edges of a sample must be longer than this.
+        min_edge: Length = Length::Voxels(4.0), NonNegative;
+        /// Samples drawn at most.
+        max_samples: usize = 2_000_000, Between(1.0, 1e12);
+        /// Sampling ends when a better pose would have been drawn with this probability.
+        confidence: f64 = 0.999, Between(0.0, 0.999_999_999);
+        /// Inliers a pose must have.
+        min_inliers: usize = 4, Between(3.0, 1e9);
+        /// Distinct poses kept.
+        hypotheses: usize = 32, Between(1.0, 1000.0);
+        /// Poses nearer than this (and 15 degrees) are one.
+        distinct_distance: Length = Length::Voxels(5.0), NonNegative;
+    }
+}
+
+section! {
+    /// NDT refinement.
+    pub struct NdtConfig("ndt") {
+        /// Cell size to begin with.
+        coarsest: Length = Length::Voxels(8.0), Positive;
+        /// Cell size to end with; sizes halve in between.
+        finest: Length = Length::Voxels(4.0), Positive;
+        /// Cells that a point looks at: its own (1), with face (7) or corner (27) neighbours.
+        neighbours: usize = 7, Between(1.0, 27.0);
+        /// Points a cell must hold to have a Gaussian.
+        min_points: usize = 6, Between(3.0, 1e9);
+        /// Eigenvalues of a Gaussian are raised to this share of its largest.
+        eigenvalue_floor: f64 = 0.01, Between(1e-9, 1.0);
+        /// The objective.
+        form: NdtForm = NdtForm::Mixture, Any;
+        /// Expected share of points that belong to no Gaussian (mixture form).
+        outlier_ratio: f64 = 0.55, Between(0.01, 0.99);
+        /// Query points used at most, evenly drawn; 0: all.
+        max_points: usize = 4000, Any;
+        /// Query points that must meet a Gaussian.
+        min_pairs: usize = 20, Any;
+        /// Iterations at each cell size.
+        max_iterations: usize = 30, Between(1.0, 1e6);
+        /// Ends when a step is shorter than this, metres,
+        translation_epsilon: f64 = 0.001, NonNegative;
+        /// and turns less than this, radians.
+        rotation_epsilon: f64 = 0.0001, NonNegative;
+    }
+}
+
+section! {
+    /// ICP refinement.
+    pub struct IcpConfig("icp") {
+        /// What is minimised (`auto` always ends with point-to-plane).
+        metric: IcpMetric = IcpMetric::PointToPoint, Any;
+        /// Pairs further apart than this do not count at first;
+        max_distance: Length = Length::Voxels(4.0), Positive;
+        /// the bound shrinks by this factor an iteration,
+        shrink: f64 = 0.8, Between(0.01, 1.0);
+        /// down to this.
+        final_distance: Length = Length::Voxels(1.5), Positive;
+        /// How residuals are weighted.
+        kernel: Kernel = Kernel::None, Any;
+        /// The kernel's scale as a share of the current bound.
+        kernel_scale: f64 = 0.3, Positive;
+        /// Share of the pairs kept, the closest; 1: all.
+        trim: f64 = 1.0, Between(0.01, 1.0);
+        /// Query points used at most, evenly drawn; 0: all.
+        max_points: usize = 10_000, Any;
+        /// Pairs that must be found.
+        min_pairs: usize = 20, Any;
+        /// Iterations at most.
+        max_iterations: usize = 50, Between(1.0, 1e6);
+        /// Ends when a step is shorter than this, metres,
+        translation_epsilon: f64 = 0.0005, NonNegative;
+        /// and turns less than this, radians.
+        rotation_epsilon: f64 = 0.00005, NonNegative;
+    }
+}
+
+section! {
+    /// Verification and verdict.
+    pub struct VerifyConfig("verify") {
+        /// The seed paper's inlier distance, metres, for its metrics.
+        inlier_distance: f64 = 0.5, Positive;
+        /// A query point overlaps the map where map surface lies within this distance.
+        overlap_distance: Length = Length::Voxels(1.5), Positive;
+        /// And fits finely within this distance of its tangent plane.
+        fine_tolerance: Length = Length::Voxels(0.25), Positive;
+        /// Overlap below which nothing is called located.
+        min_overlap: f64 = 0.5, Between(0.0, 1.0);
+        /// Share of the overlapping points that must fit finely.
+        min_fine_share: f64 = 0.5, Between(0.0, 1.0);
+        /// A rival's overlap, as a share of the best's, from which it makes the answer ambiguous,
+        rival_overlap: f64 = 0.5, Between(0.0, 1.0);
+        /// where its median point-to-plane residual is below this many times the best's.
+        rival_residual: f64 = 1.6, NonNegative;
+        /// Information (a pair's share) below which a direction is unobservable.
+        min_information: f64 = 0.01, Between(0.0, 1.0);
+        /// Refined poses nearer than this are one place, if
+        merge_distance: Length = Length::Voxels(4.0), NonNegative;
+        /// they also differ by less than this angle, degrees.
+        merge_angle: f64 = 10.0, Between(0.0, 180.0);
+        /// Query points used at most, evenly drawn; 0: all.
+        max_points: usize = 8_000, Any;
+        /// Prepared query points below which the answer is `insufficient`.
+        min_points: usize = 100, Any;
+        /// Hypotheses that are refined to the end.
+        refined: usize = 8, Between(1.0, 1000.0);
+    }
+}

@@ -1,0 +1,301 @@
+//! Surface normals by principal components, and what to do about their sign.
+//!
+//! A plane has no front. PCA gives each normal an arbitrary sign, yet FPFH angles change with it,
+//! so the sign has to come from somewhere: from the sensor's place where one is known
+//! ([`orient_towards`]), else from the open side, the side on which the rest of the passage lies
+//! ([`orient_open_side`]), which two clouds of the same passage agree on whatever their frames.
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use crate::eigen3::{Symmetric3, eigen3};
+use crate::kdtree::{KdTree, Neighbour};
+use crate::parallel;
+
+/// The neighbourhood that a normal is fitted to: all points within `radius` metres, but at least
+/// the `least` nearest and at most the `most` nearest. A bound of 0 is none; the point itself counts.
+///
+/// The lower bound matters where a LiDAR's rings lie far apart: a ball that holds one ring only
+/// holds a line, and a plane through a line is anybody's guess.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Neighbourhood {
+    /// Metres; 0 for a neighbourhood of the `most` nearest, wherever they are.
+    pub radius: f64,
+    /// Nearest points that are taken even beyond the radius.
+    pub least: usize,
+    /// Nearest points that are taken at most.
+    pub most: usize,
+}
+
+/// One unit normal a point, from the covariance of its neighbourhood. Signs are arbitrary.
+///
+/// `[0, 0, 0]` where the neighbourhood spans no plane (fewer than three points, a line, or points
+/// that all coincide): such a normal is undefined and must not be used.
+#[must_use]
+pub fn estimate(points: &[[f32; 3]], tree: &KdTree, around: Neighbourhood) -> Vec<[f32; 3]> {
+    #[expect(clippy::cast_possible_truncation, reason = "a radius in metres")]
+    let radius = if around.radius > 0.0 {
+        around.radius as f32
+    } else {
+        f32::INFINITY
+    };
+    parallel::map_with(points.len(), Vec::new, |found, i| {
+        if around.most > 0 {
+            tree.knn(points[i], around.most, radius, found);
+        } else {
+            found.clear();
+            tree.within(points[i], radius, |index, distance_squared| {
+                found.push(Neighbour {
+                    index,
+                    distance_squared,
+                });
+            });
+        }
+        if found.len() < around.least {
+            tree.knn(points[i], around.least, f32::INFINITY, found);
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "unit components")]
+        of_neighbourhood(points, points[i], found).map_or([0.0; 3], |n| n.map(|v| v as f32))
+    })
+}
+
+/// The normal of the plane through `neighbours` of `p`; `None` where they span none.
+pub(crate) fn of_neighbourhood(
+    points: &[[f32; 3]],
+    p: [f32; 3],
+    neighbours: &[Neighbour],
+) -> Option<[f64; 3]> {
+    let (covariance, count) = covariance(points, p, neighbours);
+    if count < 3.0 {
+        return None;
+    }
+    let e = eigen3(&covariance);
+    // A line has two vanishing eigenvalues; the direction across it is anybody's guess.
+    (e.values[1] > 1e-6 * e.values[2]).then_some(e.vectors[0])
+}
+
+/// Covariance (divided by the count) about the neighbourhood's own mean, and the count. Offsets
+/// are taken from `centre` first: raw coordinates squared would lose all their digits.
+pub(crate) fn covariance(
+    points: &[[f32; 3]],
+    centre: [f32; 3],
+    neighbours: &[Neighbour],
+) -> (Symmetric3, f64) {
+    let mut sum = [0.0f64; 3];
+    let mut square = [0.0f64; 6];
+    for n in neighbours {
+        let p = points[n.index as usize];
+        let d: [f64; 3] = std::array::from_fn(|a| f64::from(p[a]) - f64::from(centre[a]));
+        for a in 0..3 {
+            sum[a] += d[a];
+        }
+        square[0] += d[0] * d[0];
+        square[1] += d[0] * d[1];
+        square[2] += d[0] * d[2];
+        square[3] += d[1] * d[1];
+        square[4] += d[1] * d[2];
+        square[5] += d[2] * d[2];
+    }
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let n = neighbours.len() as f64;
+    let m = sum.map(|s| s / n.max(1.0));
+    let inverse = 1.0 / n.max(1.0);
+    (
+        [
+            square[0] * inverse - m[0] * m[0],
+            square[1] * inverse - m[0] * m[1],
+            square[2] * inverse - m[0] * m[2],
+            square[3] * inverse - m[1] * m[1],
+            square[4] * inverse - m[1] * m[2],
+            square[5] * inverse - m[2] * m[2],
+        ],
+        n,
+    )
+}
+
+/// Turns every normal towards `viewpoint` (offsets as the points are).
+pub fn orient_towards(points: &[[f32; 3]], normals: &mut [[f32; 3]], viewpoint: [f64; 3]) {
+    let v = Vector3::from(viewpoint);
+    for (p, n) in points.iter().zip(normals) {
+        let to = v - Vector3::new(f64::from(p[0]), f64::from(p[1]), f64::from(p[2]));
+        let facing = to.dot(&Vector3::new(
+            f64::from(n[0]),
+            f64::from(n[1]),
+            f64::from(n[2]),
+        ));
+        if facing < 0.0 {
+            *n = n.map(|c| -c);
+        }
+    }
+}
+
+/// Turns every normal to its open side: the side on which more of the cloud within `radius`
+/// (metres; a passage's width or so) lies.
+///
+/// In a drift the floor, back and opposite rib all lie on a wall's open side. The balance is taken
+/// over `coarse`, a thinned copy of the cloud (a point every `radius / 8` or so is enough), so that
+/// dense walls do not outvote the rest; each point counts by how far out of the tangent plane
+/// it stands, up to a quarter of the radius, so that a wall's own roughness counts for little.
+pub fn orient_open_side(
+    points: &[[f32; 3]],
+    normals: &mut [[f32; 3]],
+    coarse: &KdTree,
+    coarse_points: &[[f32; 3]],
+    radius: f64,
+) {
+    #[expect(clippy::cast_possible_truncation, reason = "a radius in metres")]
+    let radius = radius as f32;
+    let cap = radius / 4.0;
+    points.par_iter().zip(normals).for_each(|(p, n)| {
+        let mut balance = 0.0f32;
+        coarse.within(*p, radius, |i, _| {
+            let q = coarse_points[i as usize];
+            let out = (q[0] - p[0]) * n[0] + (q[1] - p[1]) * n[1] + (q[2] - p[2]) * n[2];
+            balance += out.clamp(-cap, cap);
+        });
+        if balance < 0.0 {
+            *n = n.map(|c| -c);
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::Rng;
+
+    const NEAREST_20: Neighbourhood = Neighbourhood {
+        radius: 0.0,
+        least: 0,
+        most: 20,
+    };
+
+    #[test]
+    fn rings_far_apart_still_give_the_floor_s_normal() {
+        // Two rings of a LiDAR on a floor, a metre apart, points every 10 cm.
+        let points: Vec<[f32; 3]> = (0..80)
+            .map(|i| {
+                [
+                    (i % 40) as f32 * 0.1,
+                    (i / 40) as f32,
+                    0.001 * ((i * 37) % 11) as f32,
+                ]
+            })
+            .collect();
+        let tree = KdTree::build(&points);
+        let tilt = |least| {
+            let normals = estimate(
+                &points,
+                &tree,
+                Neighbourhood {
+                    radius: 0.5,
+                    least,
+                    most: 0,
+                },
+            );
+            normals.iter().map(|n| n[2].abs()).fold(1.0, f32::min)
+        };
+        assert!(tilt(0) < 0.9, "one ring is a line: {}", tilt(0));
+        assert!(tilt(30) > 0.99, "{}", tilt(30));
+    }
+
+    /// A tube of radius 2 along x, with a little roughness.
+    fn tube() -> Vec<[f32; 3]> {
+        let mut rng = Rng::new(11, 0);
+        (0..8000)
+            .map(|_| {
+                let (x, a, r) = (
+                    rng.range(0.0, 20.0),
+                    rng.range(0.0, std::f64::consts::TAU),
+                    2.0 + 0.02 * rng.normal(),
+                );
+                [x as f32, (r * a.cos()) as f32, (r * a.sin()) as f32]
+            })
+            .collect()
+    }
+
+    #[test]
+    fn normals_of_a_tube_are_radial_and_turn_inwards() {
+        let points = tube();
+        let tree = KdTree::build(&points);
+        for (most, radius) in [(20, 0.0), (0, 0.6), (30, 0.8)] {
+            let mut normals = estimate(
+                &points,
+                &tree,
+                Neighbourhood {
+                    radius,
+                    least: 0,
+                    most,
+                },
+            );
+            orient_open_side(&points, &mut normals, &tree, &points, 4.0);
+            let inward = |n: &[f32; 3], p: &[f32; 3]| {
+                -(n[1] * p[1] + n[2] * p[2]) / (p[1] * p[1] + p[2] * p[2]).sqrt()
+            };
+            let good = points
+                .iter()
+                .zip(&normals)
+                .filter(|(p, n)| inward(n, p) > 0.95)
+                .count();
+            assert!(
+                good as f64 > 0.99 * points.len() as f64,
+                "{good} for {most} within {radius}"
+            );
+            orient_towards(&points, &mut normals, [10.0, 0.0, 0.0]);
+            let near = points
+                .iter()
+                .zip(&normals)
+                .filter(|(p, _)| (p[0] - 10.0).abs() < 2.0);
+            assert!(near.clone().all(|(p, n)| inward(n, p) > 0.0));
+        }
+    }
+
+    #[test]
+    fn orientation_does_not_depend_on_the_signs_given() {
+        let points = tube();
+        let tree = KdTree::build(&points);
+        let mut a = estimate(&points, &tree, NEAREST_20);
+        let mut rng = Rng::new(5, 0);
+        let mut b: Vec<[f32; 3]> = a
+            .iter()
+            .map(|n| if rng.below(2) == 0 { n.map(|c| -c) } else { *n })
+            .collect();
+        orient_open_side(&points, &mut a, &tree, &points, 4.0);
+        orient_open_side(&points, &mut b, &tree, &points, 4.0);
+        assert_eq!(a, b);
+    }
+
+    #[test]
+    fn undefined_normals_are_zero() {
+        let zero = |points: &[[f32; 3]]| {
+            let tree = KdTree::build(points);
+            assert!(
+                estimate(points, &tree, NEAREST_20)
+                    .iter()
+                    .all(|n| *n == [0.0; 3]),
+                "{points:?}"
+            );
+        };
+        zero(&[]);
+        zero(&[[1.0, 2.0, 3.0]]);
+        zero(&[[1.0, 2.0, 3.0]; 7]);
+        let line: Vec<[f32; 3]> = (0..9).map(|i| [i as f32, 2.0 * i as f32, 0.0]).collect();
+        zero(&line);
+    }
+
+    #[test]
+    fn far_from_zero_the_covariance_keeps_its_digits() {
+        let mut rng = Rng::new(1, 0);
+        let points: Vec<[f32; 3]> = (0..200)
+            .map(|_| {
+                [
+                    9000.0 + rng.range(0.0, 1.0) as f32,
+                    -9000.0 + rng.range(0.0, 1.0) as f32,
+                    8000.0,
+                ]
+            })
+            .collect();
+        let normals = estimate(&points, &KdTree::build(&points), NEAREST_20);
+        assert!(normals.iter().all(|n| n[2].abs() > 0.9999));
+    }
+}

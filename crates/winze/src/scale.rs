@@ -1,0 +1,249 @@
+//! The length scale, from the data.
+//!
+//! One voxel size must suit the map and the query alike, and everything else is a multiple of it. It
+//! follows from three measurements: how far points lie apart (a voxel must hold a few), how wide the passages
+//! are (descriptors must see a good part of a wall, not all of the mine), and how much surface the query
+//! has (a small patch must still give enough points).
+//!
+//! Sizes come from a fixed ladder, half an octave a step, so that clouds prepared at one time and
+//! another meet at the same size, and so that a little noise in a measurement changes nothing.
+
+use crate::cloud::Cloud;
+use crate::eigen3::eigen3;
+use crate::kdtree::KdTree;
+use crate::normals;
+use crate::parallel;
+use crate::refine::sample;
+use crate::voxel;
+
+/// Steps of the ladder in a factor of two.
+const STEPS_PER_OCTAVE: f64 = 2.0;
+/// A passage is this many voxels wide.
+const VOXELS_ACROSS: f64 = 14.0;
+/// A voxel is at least this many point spacings wide.
+const SPACINGS_PER_VOXEL: f64 = 2.0;
+/// A query has at least about this many occupied voxels, where its spacing allows.
+const QUERY_POINTS: usize = 6_000;
+/// Points that measurements are taken from.
+const SAMPLE: usize = 20_000;
+/// Points that passage widths are measured at.
+const RAYS: usize = 500;
+/// Neighbours that a point is judged by.
+const NEIGHBOURS: usize = 12;
+/// Of a neighbourhood's eigenvalues, the smallest over the middle one: above this it is no wall.
+const FLATNESS: f64 = 0.2;
+
+/// What was measured of a cloud.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Measure {
+    /// Median distance of a point to its nearest neighbour, metres; duplicates do not count.
+    pub spacing: f64,
+    /// Median distance from a wall straight across to the opposite one, metres; `None` where too
+    /// few points face anything, as on a single wall.
+    pub width: Option<f64>,
+    /// Largest voxel on the ladder that still leaves about 6 000 points, metres.
+    pub budget: f64,
+}
+
+/// Measures `cloud`; `None` where it has fewer than two distinct points.
+#[must_use]
+pub fn measure(cloud: &Cloud) -> Option<Measure> {
+    let spacing = spacing(cloud.points())?;
+    // Even out the density first: the nearest wall is sampled far more often than the rest.
+    let mut size = spacing;
+    let mut even = cloud.clone();
+    while even.len() > SAMPLE {
+        size *= std::f64::consts::SQRT_2;
+        even = voxel::downsample(&even, size);
+    }
+    let (walls, normals) = walls(even.points());
+    let even = even.select(&walls);
+    let mut budget = ladder(spacing);
+    while voxel::downsample(&even, step(budget, 1)).len() > QUERY_POINTS {
+        budget = step(budget, 1);
+    }
+    Some(Measure {
+        spacing,
+        width: width(even.points(), &normals, size),
+        budget,
+    })
+}
+
+/// The voxel size for a map and a query, metres, on the ladder.
+#[must_use]
+pub fn voxel_for(map: &Measure, query: &Measure) -> f64 {
+    let across = match (query.width, map.width) {
+        (Some(w), _) | (None, Some(w)) => w / VOXELS_ACROSS,
+        (None, None) => f64::INFINITY,
+    };
+    let floor = SPACINGS_PER_VOXEL * map.spacing.max(query.spacing);
+    ladder(across.min(query.budget).max(floor))
+}
+
+/// The sizes to try, the best guess first, then finer and coarser ones by turns. None is finer than the
+/// clouds' own spacing.
+#[must_use]
+pub fn candidates(map: &Measure, query: &Measure, tries: usize) -> Vec<f64> {
+    let first = voxel_for(map, query);
+    let floor = 1.2 * map.spacing.max(query.spacing);
+    let mut sizes = vec![first];
+    for k in 1..=tries {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_possible_wrap,
+            reason = "few tries"
+        )]
+        for sign in [-1, 1] {
+            let size = step(first, sign * k as i32);
+            if size >= floor && sizes.len() < tries {
+                sizes.push(size);
+            }
+        }
+    }
+    sizes.truncate(tries);
+    sizes
+}
+
+/// The ladder's size nearest to `size`.
+fn ladder(size: f64) -> f64 {
+    let k = (libm::log2(size / 0.1) * STEPS_PER_OCTAVE).round();
+    0.1 * libm::exp2(k / STEPS_PER_OCTAVE)
+}
+
+/// `k` steps up the ladder from `size`.
+fn step(size: f64, k: i32) -> f64 {
+    ladder(size * libm::exp2(f64::from(k) / STEPS_PER_OCTAVE))
+}
+
+fn spacing(points: &[[f32; 3]]) -> Option<f64> {
+    let tree = KdTree::build(points);
+    let chosen = sample(points, 2_000);
+    let nearest = parallel::map_with(chosen.len(), Vec::new, |found, i| {
+        // The nearest that is not the point itself or a copy of it.
+        for k in [2, 4, 16, 64] {
+            tree.knn(chosen[i], k, f32::INFINITY, found);
+            if let Some(n) = found.iter().find(|n| n.distance_squared > 0.0) {
+                return f64::from(n.distance_squared).sqrt();
+            }
+        }
+        0.0
+    });
+    median(nearest.into_iter().filter(|d| *d > 0.0).collect())
+}
+
+/// The points whose neighbourhood is flat, with its normal. Dust fills space instead.
+fn walls(points: &[[f32; 3]]) -> (Vec<u32>, Vec<[f64; 3]>) {
+    let tree = KdTree::build(points);
+    let flat = parallel::map_with(points.len(), Vec::new, |found, i| {
+        tree.knn(points[i], NEIGHBOURS, f32::INFINITY, found);
+        let (covariance, _) = normals::covariance(points, points[i], found);
+        let e = eigen3(&covariance);
+        (e.values[0] < FLATNESS * e.values[1]).then_some(e.vectors[0])
+    });
+    (0u32..)
+        .zip(flat)
+        .filter_map(|(i, n)| Some((i, n?)))
+        .unzip()
+}
+
+/// Points that a wall must show within the cone.
+const WALL: usize = 6;
+
+/// The median distance straight across. From points here and there a thin cone is followed both
+/// ways along the normal; the first surface it meets is the opposite wall.
+fn width(points: &[[f32; 3]], normals: &[[f64; 3]], spacing: f64) -> Option<f64> {
+    let tree = KdTree::build(points);
+    let stride = points.len().div_ceil(RAYS).max(1);
+    let chosen: Vec<usize> = (0..points.len()).step_by(stride).collect();
+    let first = 6.0 * spacing;
+    let across: Vec<f64> = parallel::map_with(chosen.len(), Vec::new, |found, i| {
+        let (p, n) = (points[chosen[i]], normals[chosen[i]]);
+        let mut hit = |sign: f64| -> Option<f64> {
+            let mut t = first;
+            while t < 60.0 * first.max(0.5) {
+                let at: [f32; 3] = std::array::from_fn(|a| {
+                    #[expect(clippy::cast_possible_truncation, reason = "metres")]
+                    let v = (f64::from(p[a]) + sign * t * n[a]) as f32;
+                    v
+                });
+                #[expect(clippy::cast_possible_truncation, reason = "metres")]
+                tree.knn(at, WALL, (0.2 * t).max(2.0 * spacing) as f32, found);
+                if found.len() == WALL {
+                    return Some(t);
+                }
+                t *= 1.15;
+            }
+            None
+        };
+        match (hit(1.0), hit(-1.0)) {
+            (Some(a), Some(b)) => Some(a.min(b)),
+            (a, b) => a.or(b),
+        }
+    })
+    .into_iter()
+    .flatten()
+    .collect();
+    (across.len() * 3 >= chosen.len())
+        .then(|| median(across))
+        .flatten()
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    if values.is_empty() {
+        return None;
+    }
+    let middle = values.len() / 2;
+    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_world::{cloud, drift};
+
+    #[test]
+    fn a_drift_of_four_metres_is_measured() {
+        let m = measure(&cloud(&drift(60_000, 40.0, 0.2, 0.01, 1))).unwrap();
+        // 2 m radius, flattened to 1.6 m in height.
+        let w = m.width.unwrap();
+        assert!((2.6..4.4).contains(&w), "{m:?}");
+        // 40 m x 11.4 m of wall, 60 000 points: Poisson spacing ½/√density.
+        assert!((0.03..0.06).contains(&m.spacing), "{m:?}");
+    }
+
+    #[test]
+    fn a_single_wall_has_no_width_but_a_scale() {
+        let wall: Vec<[f64; 3]> = drift(30_000, 10.0, 0.3, 0.0, 1)
+            .into_iter()
+            .filter(|p| p[1] > 1.0)
+            .collect();
+        let m = measure(&cloud(&wall)).unwrap();
+        assert_eq!(m.width, None);
+        let voxel = voxel_for(&m, &m);
+        assert!((0.02..0.2).contains(&voxel), "{m:?}: {voxel}");
+    }
+
+    #[test]
+    fn sizes_lie_on_the_ladder_and_never_below_the_spacing() {
+        let m = Measure {
+            spacing: 0.12,
+            width: Some(4.2),
+            budget: 0.8,
+        };
+        let sizes = candidates(&m, &m, 5);
+        for s in &sizes {
+            assert!((ladder(*s) / s - 1.0).abs() < 1e-12);
+            assert!(*s >= 1.2 * m.spacing);
+        }
+        assert_eq!(sizes[0], ladder(0.3));
+        assert_eq!(candidates(&m, &m, 1).len(), 1);
+    }
+
+    #[test]
+    fn nothing_to_measure() {
+        assert!(measure(&cloud(&[])).is_none());
+        assert!(measure(&cloud(&[[1.0; 3]; 50])).is_none());
+        let m = measure(&cloud(&[[0.0; 3], [1.0, 0.0, 0.0]])).unwrap();
+        assert_eq!((m.spacing, m.width), (1.0, None));
+    }
+}
