@@ -1,0 +1,476 @@
+//! Fast point feature histograms (Rusu, Blodow & Beetz 2009), 33 numbers a keypoint.
+//!
+//! For each pair of a point and a neighbour within the radius, three angles between their normals
+//! and the line that joins them go into three histograms of eleven bins: the point's SPFH. The FPFH of a
+//! keypoint sums the SPFHs of its neighbours, nearer ones more ([`DescriptorVariant`]).
+//!
+//! Neighbours come from the whole prepared cloud, not from the keypoints alone. Normals that are
+//! undefined (`[0, 0, 0]`) take no part.
+//!
+//! Order of the 33 numbers, as in PCL and Open3D: eleven bins of θ = atan2(w·n, u·n) over ±π, of
+//! α = v·n over ±1, of φ = u·d over ±1, in the Darboux frame u, v = d×u, w = u×v of the pair.
+
+use rayon::prelude::*;
+
+use crate::config::{DescriptorVariant, FpfhConfig};
+use crate::kdtree::{KdTree, Neighbour};
+use crate::parallel;
+
+/// Bins of one histogram.
+pub const BINS: usize = 11;
+/// Numbers of one descriptor: three histograms.
+pub const DIMENSIONS: usize = 3 * BINS;
+
+/// One descriptor; each of its three parts sums to 100, or 200 in the variant of Open3D.
+pub type Descriptor = [f32; DIMENSIONS];
+
+/// Descriptors at `keypoints` (indices into `points`) at the pipeline's `voxel` size (metres).
+///
+/// `normals` must be unit or zero, one a point, oriented by one rule for the whole cloud; with
+/// [`FpfhConfig::unsigned`] their signs do not matter. A keypoint whose own normal is undefined or
+/// that has no neighbour with a normal gets a zero descriptor.
+#[must_use]
+pub fn descriptors(
+    points: &[[f32; 3]],
+    normals: &[[f32; 3]],
+    tree: &KdTree,
+    keypoints: &[u32],
+    config: &FpfhConfig,
+    voxel: f64,
+) -> Vec<Descriptor> {
+    #[expect(clippy::cast_possible_truncation, reason = "a radius in metres")]
+    let radius = config.radius.metres(voxel) as f32;
+    // SPFHs are wanted at the keypoints and all their neighbours, each once.
+    let near = parallel::map_with(
+        keypoints.len(),
+        || (),
+        |(), k| {
+            let mut found = Vec::new();
+            tree.within(
+                points[keypoints[k] as usize],
+                radius,
+                |index, distance_squared| {
+                    found.push(Neighbour {
+                        index,
+                        distance_squared,
+                    });
+                },
+            );
+            found
+        },
+    );
+    let mut wanted = vec![false; points.len()];
+    for list in &near {
+        for n in list {
+            wanted[n.index as usize] = true;
+        }
+    }
+    let needed: Vec<u32> = (0u32..)
+        .zip(&wanted)
+        .filter(|(_, w)| **w)
+        .map(|(i, _)| i)
+        .collect();
+    let mut slot = vec![u32::MAX; points.len()];
+    for (s, &i) in (0u32..).zip(&needed) {
+        slot[i as usize] = s;
+    }
+    let spfh = parallel::map_with(
+        needed.len(),
+        || (),
+        |(), s| {
+            spfh(
+                points,
+                normals,
+                tree,
+                needed[s] as usize,
+                radius,
+                config.unsigned,
+            )
+        },
+    );
+    keypoints
+        .par_iter()
+        .zip(&near)
+        .map(|(&k, list)| {
+            let own = &spfh[slot[k as usize] as usize];
+            if normals[k as usize] == [0.0; 3] {
+                return [0.0; DIMENSIONS];
+            }
+            let others = list
+                .iter()
+                .filter(|n| n.index != k && normals[n.index as usize] != [0.0; 3])
+                .map(|n| (n.distance_squared, &spfh[slot[n.index as usize] as usize]));
+            weigh(own, others, config.variant)
+        })
+        .collect()
+}
+
+/// Sums neighbours' SPFHs, given with their squared distances, into one FPFH.
+fn weigh<'a>(
+    own: &Descriptor,
+    others: impl Iterator<Item = (f32, &'a Descriptor)>,
+    variant: DescriptorVariant,
+) -> Descriptor {
+    let mut sum = [0.0f32; DIMENSIONS];
+    let mut count = 0.0f32;
+    for (d2, spfh) in others {
+        if d2 <= 0.0 {
+            continue;
+        }
+        let weight = match variant {
+            DescriptorVariant::Paper => 1.0 / d2.sqrt(),
+            DescriptorVariant::Pcl | DescriptorVariant::Open3d => 1.0 / d2,
+        };
+        count += 1.0;
+        for (s, v) in sum.iter_mut().zip(spfh) {
+            *s += weight * v;
+        }
+    }
+    if count == 0.0 {
+        return [0.0; DIMENSIONS];
+    }
+    if variant == DescriptorVariant::Paper {
+        for (s, o) in sum.iter_mut().zip(own) {
+            *s = *s / count + o;
+        }
+    }
+    for part in sum.chunks_exact_mut(BINS) {
+        let total: f32 = part.iter().sum();
+        if total > 0.0 {
+            let scale = 100.0 / total;
+            part.iter_mut().for_each(|v| *v *= scale);
+        }
+    }
+    if variant == DescriptorVariant::Open3d {
+        for (s, o) in sum.iter_mut().zip(own) {
+            *s += o;
+        }
+    }
+    sum
+}
+
+/// The simplified histogram of point `i`: its pairs with all neighbours, each part summing to 100
+/// (less where a pair has no frame).
+fn spfh(
+    points: &[[f32; 3]],
+    normals: &[[f32; 3]],
+    tree: &KdTree,
+    i: usize,
+    radius: f32,
+    unsigned: bool,
+) -> Descriptor {
+    let mut counts = [0u32; DIMENSIONS];
+    let (p, n) = (points[i], normals[i]);
+    let mut others = 0u32;
+    if n != [0.0; 3] {
+        let mut batch = Batch::default();
+        let mut held = 0;
+        tree.within(p, radius, |j, _| {
+            let (q, m) = (points[j as usize], normals[j as usize]);
+            if j as usize == i || m == [0.0; 3] {
+                return;
+            }
+            others += 1;
+            for a in 0..3 {
+                batch.line[a][held] = q[a] - p[a];
+                batch.normal[a][held] = m[a];
+            }
+            held += 1;
+            if held == BATCH {
+                batch.count(n, held, unsigned, &mut counts);
+                held = 0;
+            }
+        });
+        batch.count(n, held, unsigned, &mut counts);
+    }
+    #[expect(clippy::cast_precision_loss, reason = "counts of neighbours")]
+    let scale = 100.0 / others.max(1) as f32;
+    #[expect(clippy::cast_precision_loss, reason = "counts of neighbours")]
+    counts.map(|c| c as f32 * scale)
+}
+
+/// Neighbours whose angles are worked out side by side.
+const BATCH: usize = 16;
+
+/// Neighbours as lines from the point and normals, an array an axis, so that the loop over them
+/// vectorises.
+#[derive(Default)]
+struct Batch {
+    line: [[f32; BATCH]; 3],
+    normal: [[f32; BATCH]; 3],
+}
+
+impl Batch {
+    /// Counts the first `held` pairs with a point of normal `n` into their bins.
+    fn count(&self, n: [f32; 3], held: usize, unsigned: bool, counts: &mut [u32; DIMENSIONS]) {
+        let angles = if unsigned {
+            self.angles::<true>(n)
+        } else {
+            self.angles::<false>(n)
+        };
+        for k in 0..held {
+            if angles.frame[k] {
+                counts[bin(angles.theta[k])] += 1;
+                counts[BINS + bin(angles.alpha[k])] += 1;
+                counts[2 * BINS + bin(angles.phi[k])] += 1;
+            }
+        }
+    }
+
+    /// The three features of each pair, scaled to `[0, 1]`.
+    ///
+    /// Of the two points the one whose normal is closer to the line is the frame's source. With
+    /// `UNSIGNED`, the second normal is first turned to the side of the first, and then the sign
+    /// that flipping both would change is dropped, |θ| and |φ|: nothing depends on either normal's
+    /// sign.
+    #[inline]
+    fn angles<const UNSIGNED: bool>(&self, n: [f32; 3]) -> Angles {
+        let mut out = Angles::default();
+        for k in 0..BATCH {
+            let line = [self.line[0][k], self.line[1][k], self.line[2][k]];
+            let mut m = [self.normal[0][k], self.normal[1][k], self.normal[2][k]];
+            if UNSIGNED {
+                let side = if dot(n, m) < 0.0 { -1.0 } else { 1.0 };
+                m = m.map(|c| c * side);
+            }
+            let length = dot(line, line).sqrt();
+            let (a, b) = (dot(n, line), dot(m, line));
+            // acos(|a|) > acos(|b|) without the arc cosines, |line| cancelling.
+            let swap = a.abs() < b.abs();
+            let pick = |x: f32, y: f32| if swap { y } else { x };
+            let u: [f32; 3] = std::array::from_fn(|i| pick(n[i], m[i]));
+            let other: [f32; 3] = std::array::from_fn(|i| pick(m[i], n[i]));
+            let d: [f32; 3] = std::array::from_fn(|i| pick(line[i], -line[i]));
+            let v = cross(d, u);
+            let norm = dot(v, v).sqrt();
+            let v = v.map(|c| c / norm);
+            let w = cross(u, v);
+            let theta = atan2(dot(w, other), dot(u, other));
+            let phi = pick(a, -b) / length;
+            out.alpha[k] = (dot(v, other) + 1.0) * 0.5;
+            if UNSIGNED {
+                // Both normals lie on one side, so |θ| ends at a quarter turn but for rounding.
+                out.theta[k] = theta.abs() * std::f32::consts::FRAC_2_PI;
+                out.phi[k] = phi.abs();
+            } else {
+                out.theta[k] = (theta + std::f32::consts::PI) * (0.5 * std::f32::consts::FRAC_1_PI);
+                out.phi[k] = (phi + 1.0) * 0.5;
+            }
+            // The line runs along the normal, or is none: no frame.
+            out.frame[k] = norm > 0.0;
+        }
+        out
+    }
+}
+
+/// Features of a batch.
+#[derive(Default)]
+struct Angles {
+    theta: [f32; BATCH],
+    alpha: [f32; BATCH],
+    phi: [f32; BATCH],
+    frame: [bool; BATCH],
+}
+
+/// The bin of a value scaled to `[0, 1]`.
+#[inline]
+fn bin(unit: f32) -> usize {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        clippy::cast_precision_loss,
+        reason = "clamped; NaN becomes 0"
+    )]
+    let b = (unit * BINS as f32) as usize;
+    b.min(BINS - 1)
+}
+
+/// The angle of `(x, y)` to within 2·10⁻⁶ rad, far finer than a bin: a polynomial for the arc tangent on
+/// `[0, 1]` (Abramowitz & Stegun 4.4.49), folded over the eight octants.
+#[inline]
+fn atan2(y: f32, x: f32) -> f32 {
+    use std::f32::consts::{FRAC_PI_2, PI};
+    let (ax, ay) = (x.abs(), y.abs());
+    let (low, high) = if ax < ay { (ax, ay) } else { (ay, ax) };
+    let t = if high > 0.0 { low / high } else { 0.0 };
+    let s = t * t;
+    let poly = 1.0
+        + s * (-0.333_331_45
+            + s * (0.199_935_51
+                + s * (-0.142_089
+                    + s * (0.106_562_64
+                        + s * (-0.075_289_64
+                            + s * (0.042_909_614 + s * (-0.016_165_737 + s * 0.002_866_225_7)))))));
+    let mut angle = t * poly;
+    if ax < ay {
+        angle = FRAC_PI_2 - angle;
+    }
+    if x < 0.0 {
+        angle = PI - angle;
+    }
+    if y < 0.0 { -angle } else { angle }
+}
+
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Length;
+    use crate::rng::Rng;
+    use crate::test_world::{drift, surface};
+
+    fn config(variant: DescriptorVariant, unsigned: bool) -> FpfhConfig {
+        FpfhConfig {
+            radius: Length::Metres(1.0),
+            variant,
+            unsigned,
+        }
+    }
+
+    #[test]
+    fn the_arc_tangent_is_good_to_two_millionths() {
+        for i in 0..=10_000 {
+            let a = (f64::from(i) / 5_000.0 - 1.0) * std::f64::consts::PI;
+            let (y, x) = ((3.0 * a.sin()) as f32, (3.0 * a.cos()) as f32);
+            let error = (f64::from(atan2(y, x)) - f64::from(y).atan2(f64::from(x))).abs();
+            assert!(
+                error.min(std::f64::consts::TAU - error) < 2e-6,
+                "{a}: {error:e}"
+            );
+        }
+        assert_eq!(atan2(0.0, 0.0), 0.0);
+    }
+
+    /// One pair's `[θ, α, φ]`, scaled to `[0, 1]`.
+    fn pair_angles(p: [f32; 3], n: [f32; 3], q: [f32; 3], m: [f32; 3]) -> Option<[f32; 3]> {
+        let mut batch = Batch::default();
+        for a in 0..3 {
+            batch.line[a][0] = q[a] - p[a];
+            batch.normal[a][0] = m[a];
+        }
+        let found = batch.angles::<false>(n);
+        found.frame[0].then(|| [found.theta[0], found.alpha[0], found.phi[0]])
+    }
+
+    #[test]
+    fn a_hand_computed_pair() {
+        // Both normals up, the second point level with the first: θ = 0, α = 0, φ = 0.
+        let level =
+            pair_angles([0.0; 3], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]).unwrap();
+        for v in level {
+            assert!((v - 0.5).abs() < 1e-6, "{level:?}");
+        }
+        // The second normal tilted 45° away: the source is the tilted one (closer to the line), so the
+        // frame is u = (1,0,1)/√2, d = (−1,0,0), φ = −1/√2; θ is the quarter turn's half, ±45°.
+        let s = 0.5f32.sqrt();
+        let [theta, alpha, phi] =
+            pair_angles([0.0; 3], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [s, 0.0, s]).unwrap();
+        assert!((alpha - 0.5).abs() < 1e-6);
+        assert!((phi - (1.0 - s) * 0.5).abs() < 1e-6);
+        assert!(
+            ((theta - 0.5) * 2.0 * std::f32::consts::PI).abs() - std::f32::consts::FRAC_PI_4 < 1e-5
+        );
+        // No frame where the line runs along the normal, or without a line.
+        assert!(pair_angles([0.0; 3], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]).is_none());
+        assert!(pair_angles([0.0; 3], [1.0, 0.0, 0.0], [0.0; 3], [1.0, 0.0, 0.0]).is_none());
+    }
+
+    #[test]
+    fn unsigned_descriptors_do_not_see_the_signs() {
+        let s = surface(&drift(30_000, 10.0, 0.3, 0.0, 1), 0.2);
+        let keypoints: Vec<u32> = (0..s.points.len() as u32).step_by(37).collect();
+        let mut rng = Rng::new(9, 0);
+        let flipped: Vec<[f32; 3]> = s
+            .normals
+            .iter()
+            .map(|n| if rng.below(2) == 0 { n.map(|c| -c) } else { *n })
+            .collect();
+        let c = config(DescriptorVariant::Pcl, true);
+        let a = descriptors(&s.points, &s.normals, &s.tree, &keypoints, &c, s.voxel);
+        assert_eq!(
+            a,
+            descriptors(&s.points, &flipped, &s.tree, &keypoints, &c, s.voxel)
+        );
+        let signed = config(DescriptorVariant::Pcl, false);
+        let b = descriptors(&s.points, &s.normals, &s.tree, &keypoints, &signed, s.voxel);
+        assert_ne!(
+            b,
+            descriptors(&s.points, &flipped, &s.tree, &keypoints, &signed, s.voxel)
+        );
+    }
+
+    #[test]
+    fn parts_sum_to_a_hundred_and_zero_normals_to_nothing() {
+        let mut s = surface(&drift(20_000, 8.0, 0.3, 0.0, 1), 0.2);
+        s.normals[5] = [0.0; 3];
+        for variant in [DescriptorVariant::Pcl, DescriptorVariant::Paper] {
+            let d = descriptors(
+                &s.points,
+                &s.normals,
+                &s.tree,
+                &[3, 5, 90],
+                &config(variant, false),
+                s.voxel,
+            );
+            assert_eq!(d[1], [0.0; DIMENSIONS]);
+            for part in d[0].chunks(BINS).chain(d[2].chunks(BINS)) {
+                assert!((part.iter().sum::<f32>() - 100.0).abs() < 1e-3);
+            }
+        }
+        assert!(
+            descriptors(
+                &[],
+                &[],
+                &KdTree::build(&[]),
+                &[],
+                &config(DescriptorVariant::Pcl, false),
+                0.1
+            )
+            .is_empty()
+        );
+    }
+
+    #[test]
+    fn a_turned_cloud_has_the_same_descriptors() {
+        let points = drift(30_000, 10.0, 0.3, 0.0, 1);
+        let pose = crate::Pose::from_rotation_vector([0.3, -1.0, 0.7], [4.0, 5.0, 6.0]);
+        let turned: Vec<[f64; 3]> = points.iter().map(|p| pose.transform(*p)).collect();
+        let describe = |p: &[[f64; 3]]| {
+            let p: Vec<[f32; 3]> = p.iter().step_by(4).map(|p| p.map(|v| v as f32)).collect();
+            let tree = KdTree::build(&p);
+            let mut n = crate::normals::estimate(
+                &p,
+                &tree,
+                crate::normals::Neighbourhood {
+                    radius: 0.6,
+                    least: 0,
+                    most: 0,
+                },
+            );
+            crate::normals::orient_open_side(&p, &mut n, &tree, &p, 4.0);
+            descriptors(
+                &p,
+                &n,
+                &tree,
+                &[10, 200, 3000],
+                &config(DescriptorVariant::Paper, false),
+                0.1,
+            )
+        };
+        for (a, b) in describe(&points).iter().zip(describe(&turned)) {
+            let l1: f32 = a.iter().zip(b).map(|(x, y)| (x - y).abs()).sum();
+            assert!(l1 < 6.0, "{l1} of 300");
+        }
+    }
+}
