@@ -15,6 +15,7 @@ pub mod normals;
 mod parallel;
 pub mod pose;
 pub mod prepare;
+pub mod ransac;
 pub mod refine;
 pub mod rng;
 pub mod scale;

@@ -1,0 +1,431 @@
+//! Poses from correspondences by random sampling (Fischler & Bolles 1981).
+//!
+//! Three correspondences give a pose. Most samples hold a wrong one; a sample whose triangle has
+//! different edge lengths in the two clouds is thrown away before a pose is made of it (the
+//! prerejection of Buch et al. 2013), which is what makes a million of them affordable. The poses
+//! that survive are scored by their inlier correspondences, refined by a least-squares fit
+//! on them, and the best distinct ones are kept: one answer would hide the rivals.
+//!
+//! Samples are drawn in blocks, each from a random stream of its own, in rounds of a fixed number of blocks;
+//! the round, not the thread, decides when to stop. The answer is therefore the same at any thread count.
+
+use rayon::prelude::*;
+
+use crate::config::RansacConfig;
+use crate::features::Features;
+use crate::fit::fit_rigid;
+use crate::matching::Correspondence;
+use crate::pose::Pose;
+use crate::rng::Rng;
+
+/// A pose that some correspondences agree on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hypothesis {
+    /// Takes query points to the map.
+    pub map_from_query: Pose,
+    /// Correspondences within the inlier distance, a keypoint of the query counted once.
+    pub inliers: usize,
+    /// Root mean square distance of the inliers, metres.
+    pub rmse: f64,
+}
+
+/// What sampling found.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Estimate {
+    /// Best first, distinct.
+    pub hypotheses: Vec<Hypothesis>,
+    /// Samples drawn.
+    pub samples: u64,
+}
+
+/// Samples a block draws.
+const BLOCK: u64 = 4_096;
+/// Blocks a round holds.
+const ROUND: u64 = 16;
+/// Candidates a block hands on.
+const KEPT: usize = 4;
+
+/// Pairs of points, split by coordinate for the inlier count.
+struct Pairs {
+    query: Vec<[f64; 3]>,
+    map: Vec<[f64; 3]>,
+    /// Number of distinct query keypoints seen up to each pair; pairs of one keypoint are adjacent.
+    keypoint: Vec<u32>,
+}
+
+/// Poses for `correspondences` between the keypoints of `query` and `map`, at the pipeline's
+/// `voxel` size (metres). Poses (`map_from_query`) that `plausible` refuses are not pursued: what is
+/// known beforehand, such as which way is up, goes in there.
+///
+/// Fewer than three correspondences give no hypothesis.
+#[must_use]
+pub fn estimate(
+    correspondences: &[Correspondence],
+    query: &Features,
+    map: &Features,
+    config: &RansacConfig,
+    voxel: f64,
+    seed: u64,
+    plausible: &(dyn Fn(&Pose) -> bool + Sync),
+) -> Estimate {
+    let plausible = |pose: &Pose| plausible(&pose.from_between_origins(map.origin, query.origin));
+    let pairs = Pairs {
+        query: correspondences
+            .iter()
+            .map(|c| query.points[c.query as usize].map(f64::from))
+            .collect(),
+        map: correspondences
+            .iter()
+            .map(|c| map.points[c.map as usize].map(f64::from))
+            .collect(),
+        keypoint: correspondences.iter().map(|c| c.query).collect(),
+    };
+    let n = pairs.query.len();
+    if n < 3 {
+        return Estimate::default();
+    }
+    let limit = config.inlier_distance.metres(voxel);
+    let merge = config.distinct_distance.metres(voxel);
+    let max_samples = config.max_samples as u64;
+    let mut pool: Vec<Hypothesis> = Vec::new();
+    let (mut samples, mut needed, mut block) = (0, max_samples, 0);
+    while samples < needed {
+        let found: Vec<Vec<Hypothesis>> = (block..block + ROUND)
+            .into_par_iter()
+            .map(|b| sample_block(&pairs, config, limit, voxel, Rng::new(seed, b), &plausible))
+            .collect();
+        block += ROUND;
+        samples += BLOCK * ROUND;
+        pool.extend(found.into_iter().flatten());
+        pool = distinct(pool, &pairs, merge, config.hypotheses);
+        if let Some(best) = pool.first() {
+            needed = needed.min(samples_needed(
+                best.inliers,
+                distinct_keypoints(&pairs),
+                config.confidence,
+            ));
+        }
+    }
+    for h in &mut pool {
+        h.map_from_query = h
+            .map_from_query
+            .from_between_origins(map.origin, query.origin);
+    }
+    Estimate {
+        hypotheses: pool,
+        samples,
+    }
+}
+
+fn distinct_keypoints(pairs: &Pairs) -> usize {
+    pairs.keypoint.chunk_by(|a, b| a == b).count()
+}
+
+/// Samples after which one of three inliers was drawn with the given confidence.
+fn samples_needed(inliers: usize, total: usize, confidence: f64) -> u64 {
+    #[expect(clippy::cast_precision_loss, reason = "counts")]
+    let share = inliers as f64 / total.max(1) as f64;
+    let good = share * share * share;
+    if good >= 1.0 {
+        return 0;
+    }
+    if good <= 0.0 {
+        return u64::MAX;
+    }
+    let n = libm::log(1.0 - confidence) / libm::log1p(-good);
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "saturates"
+    )]
+    let n = n.ceil() as u64;
+    n
+}
+
+fn sample_block(
+    pairs: &Pairs,
+    config: &RansacConfig,
+    limit: f64,
+    voxel: f64,
+    mut rng: Rng,
+    plausible: &impl Fn(&Pose) -> bool,
+) -> Vec<Hypothesis> {
+    let n = u32::try_from(pairs.query.len()).unwrap_or(u32::MAX);
+    let min_edge = config.min_edge.metres(voxel);
+    let mut kept: Vec<Hypothesis> = Vec::new();
+    for _ in 0..BLOCK {
+        let sample = [
+            rng.below(n) as usize,
+            rng.below(n) as usize,
+            rng.below(n) as usize,
+        ];
+        if !edges_agree(pairs, sample, config.edge_similarity, min_edge) {
+            continue;
+        }
+        let Some(pose) = fit_rigid(sample.iter().map(|&i| (pairs.query[i], pairs.map[i], 1.0)))
+        else {
+            continue;
+        };
+        if !plausible(&pose) {
+            continue;
+        }
+        let (inliers, _) = score(pairs, &pose, limit);
+        let enough = kept.len() < KEPT || inliers > kept[kept.len() - 1].inliers;
+        if inliers < config.min_inliers || !enough {
+            continue;
+        }
+        let refined = refit(pairs, &pose, limit);
+        if !plausible(&refined.map_from_query) {
+            continue;
+        }
+        let at = kept.partition_point(|h| h.inliers >= refined.inliers);
+        kept.insert(at, refined);
+        kept.truncate(KEPT);
+    }
+    kept
+}
+
+/// All three edges are long enough and similar in both clouds.
+fn edges_agree(pairs: &Pairs, sample: [usize; 3], similarity: f64, min_edge: f64) -> bool {
+    let [a, b, c] = sample;
+    for (i, j) in [(a, b), (b, c), (c, a)] {
+        let q = squared_distance(pairs.query[i], pairs.query[j]);
+        let m = squared_distance(pairs.map[i], pairs.map[j]);
+        let (short, long) = if q < m { (q, m) } else { (m, q) };
+        if short < min_edge * min_edge || short < similarity * similarity * long {
+            return false;
+        }
+    }
+    true
+}
+
+/// Inliers (a query keypoint counted once) and the sum of their squared distances.
+fn score(pairs: &Pairs, pose: &Pose, limit: f64) -> (usize, f64) {
+    let (r, t) = (pose.rotation(), pose.translation_vector());
+    let limit2 = limit * limit;
+    let (mut inliers, mut sum, mut last) = (0, 0.0, u32::MAX);
+    for ((q, m), &k) in pairs.query.iter().zip(&pairs.map).zip(&pairs.keypoint) {
+        let d2: f64 = (0..3)
+            .map(|i| {
+                let v = r[(i, 0)] * q[0] + r[(i, 1)] * q[1] + r[(i, 2)] * q[2] + t[i] - m[i];
+                v * v
+            })
+            .sum();
+        if d2 <= limit2 && k != last {
+            inliers += 1;
+            sum += d2;
+            last = k;
+        }
+    }
+    (inliers, sum)
+}
+
+/// Least-squares fits on the inliers, repeated while they gain inliers.
+fn refit(pairs: &Pairs, start: &Pose, limit: f64) -> Hypothesis {
+    let mut best = hypothesis(pairs, *start, limit);
+    for _ in 0..8 {
+        let inside = |i: &usize| {
+            let p = best.map_from_query.transform(pairs.query[*i]);
+            squared_distance(p, pairs.map[*i]) <= limit * limit
+        };
+        let inliers: Vec<usize> = (0..pairs.query.len()).filter(inside).collect();
+        let Some(pose) = fit_rigid(inliers.iter().map(|&i| (pairs.query[i], pairs.map[i], 1.0)))
+        else {
+            break;
+        };
+        let next = hypothesis(pairs, pose, limit);
+        if next.inliers < best.inliers || (next.inliers == best.inliers && next.rmse >= best.rmse) {
+            break;
+        }
+        best = next;
+    }
+    best
+}
+
+fn hypothesis(pairs: &Pairs, pose: Pose, limit: f64) -> Hypothesis {
+    let (inliers, sum) = score(pairs, &pose, limit);
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let rmse = (sum / inliers.max(1) as f64).sqrt();
+    Hypothesis {
+        map_from_query: pose,
+        inliers,
+        rmse,
+    }
+}
+
+/// The best `keep` of `pool`, none within `merge` metres (at the query's middle) and 15° of a
+/// better one.
+fn distinct(mut pool: Vec<Hypothesis>, pairs: &Pairs, merge: f64, keep: usize) -> Vec<Hypothesis> {
+    // Stable: of equal ones the first drawn comes first.
+    pool.sort_by(|a, b| b.inliers.cmp(&a.inliers).then(a.rmse.total_cmp(&b.rmse)));
+    let n = pairs.query.len();
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let middle: [f64; 3] =
+        std::array::from_fn(|a| pairs.query.iter().map(|p| p[a]).sum::<f64>() / n as f64);
+    let mut out: Vec<Hypothesis> = Vec::new();
+    for h in pool {
+        if out.len() == keep {
+            break;
+        }
+        let near = |o: &Hypothesis| {
+            let d = o.map_from_query.distance(&h.map_from_query, middle);
+            d.translation < merge && d.rotation < 15f64.to_radians()
+        };
+        if !out.iter().any(near) {
+            out.push(h);
+        }
+    }
+    out
+}
+
+fn squared_distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    let d: [f64; 3] = std::array::from_fn(|i| a[i] - b[i]);
+    d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `good` true correspondences under a known pose and `bad` random ones.
+    fn problem(good: usize, bad: usize) -> (Vec<Correspondence>, Features, Features, Pose) {
+        let mut rng = Rng::new(4, 0);
+        let pose = Pose::from_rotation_vector([0.4, 2.0, -1.0], [12.0, -7.0, 3.0]);
+        let mut place = || -> [f64; 3] {
+            [
+                rng.range(-20.0, 20.0),
+                rng.range(-3.0, 3.0),
+                rng.range(-2.0, 2.0),
+            ]
+        };
+        let n = good + bad;
+        let query: Vec<[f64; 3]> = (0..n).map(|_| place()).collect();
+        let map: Vec<[f64; 3]> = (0..n)
+            .map(|i| {
+                if i < good {
+                    pose.transform(query[i])
+                } else {
+                    pose.transform(place())
+                }
+            })
+            .collect();
+        let features = |p: &[[f64; 3]]| Features {
+            points: p.iter().map(|p| p.map(|v| v as f32)).collect(),
+            ..Features::default()
+        };
+        let pairs = (0..n as u32)
+            .map(|i| Correspondence {
+                query: i,
+                map: i,
+                distance: 0.0,
+            })
+            .collect();
+        (pairs, features(&query), features(&map), pose)
+    }
+
+    #[test]
+    fn finds_the_pose_among_nine_in_ten_outliers() {
+        let (pairs, query, map, truth) = problem(30, 270);
+        let found = estimate(
+            &pairs,
+            &query,
+            &map,
+            &RansacConfig::default(),
+            0.3,
+            1,
+            &|_| true,
+        );
+        let best = found.hypotheses[0];
+        let error = best.map_from_query.distance(&truth, [0.0; 3]);
+        assert!(
+            best.inliers >= 30 && error.translation < 0.05 && error.rotation < 0.005,
+            "{best:?}"
+        );
+    }
+
+    #[test]
+    fn the_same_at_any_thread_count_and_another_for_another_seed() {
+        let (pairs, query, map, _) = problem(12, 400);
+        let run = |threads, seed| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap();
+            pool.install(|| {
+                estimate(
+                    &pairs,
+                    &query,
+                    &map,
+                    &RansacConfig::default(),
+                    0.3,
+                    seed,
+                    &|_| true,
+                )
+            })
+        };
+        assert_eq!(run(1, 0), run(5, 0));
+        assert_ne!(run(1, 0), run(1, 1));
+    }
+
+    #[test]
+    fn hypotheses_are_distinct_and_ordered() {
+        let (pairs, query, map, _) = problem(10, 300);
+        let config = RansacConfig {
+            min_inliers: 3,
+            ..RansacConfig::default()
+        };
+        let found = estimate(&pairs, &query, &map, &config, 0.5, 0, &|_| true).hypotheses;
+        assert!(found.len() > 1 && found.len() <= config.hypotheses);
+        assert!(found.windows(2).all(|w| w[0].inliers >= w[1].inliers));
+    }
+
+    #[test]
+    fn what_is_known_beforehand_rules_poses_out() {
+        let (pairs, query, map, truth) = problem(30, 270);
+        let far = |p: &Pose| p.distance(&truth, [0.0; 3]).rotation > 0.5;
+        let found = estimate(&pairs, &query, &map, &RansacConfig::default(), 0.3, 1, &far);
+        assert!(found.hypotheses.iter().all(|h| far(&h.map_from_query)));
+    }
+
+    #[test]
+    fn too_little_to_go_by_gives_nothing_and_ends() {
+        let (pairs, query, map, _) = problem(3, 0);
+        for n in 0..3 {
+            assert!(
+                estimate(
+                    &pairs[..n],
+                    &query,
+                    &map,
+                    &RansacConfig::default(),
+                    0.3,
+                    0,
+                    &|_| true
+                )
+                .hypotheses
+                .is_empty()
+            );
+        }
+        // All keypoints on one spot: every sample is degenerate.
+        let spot = Features {
+            points: vec![[1.0; 3]; 3],
+            ..Features::default()
+        };
+        let config = RansacConfig {
+            max_samples: 100_000,
+            ..RansacConfig::default()
+        };
+        assert!(
+            estimate(&pairs, &spot, &map, &config, 0.3, 0, &|_| true)
+                .hypotheses
+                .is_empty()
+        );
+    }
+
+    #[test]
+    fn the_number_of_samples_follows_the_usual_formula() {
+        // 1 − (1 − 0.5³)ⁿ ≥ 0.99 from n = 35 on.
+        assert_eq!(samples_needed(50, 100, 0.99), 35);
+        assert_eq!(samples_needed(100, 100, 0.99), 0);
+        assert_eq!(samples_needed(0, 100, 0.99), u64::MAX);
+    }
+}
