@@ -1,0 +1,407 @@
+//! Iterative closest point: point-to-point (Besl & McKay 1992) and point-to-plane
+//! (Chen & Medioni 1992).
+//!
+//! Each iteration pairs every query point with its nearest map point within a distance that shrinks
+//! from generous to tight, weighs the pairs by a robust kernel and steps to the least-squares
+//! pose: in closed form for point-to-point, one Gauss-Newton step for point-to-plane.
+//! Directions that the pairs say nothing about (along a bare tunnel) are left where they were.
+
+use crate::config::{IcpConfig, IcpMetric, Kernel};
+use crate::fit::fit_rigid;
+use crate::parallel;
+use crate::pose::Pose;
+use crate::prepare::Surface;
+use crate::refine::{Refined, StopReason, sample, spread};
+use crate::solve::System;
+
+/// Directions with less than this share of the largest curvature get no step.
+const CURVATURE_FLOOR: f64 = 1e-6;
+
+/// A query point and its nearest map point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Pair {
+    /// The query point, moved to the map's offset frame.
+    moved: [f64; 3],
+    /// The query point as it is.
+    query: [f64; 3],
+    map: u32,
+    distance: f64,
+}
+
+/// Refines `start` (`map_from_query`) by ICP. Distances count in multiples of the map's voxel size.
+#[must_use]
+pub fn align(map: &Surface, query: &Surface, start: &Pose, config: &IcpConfig) -> Refined {
+    let chosen = sample(&query.points, config.max_points);
+    let (centroid, length) = spread(&chosen);
+    let mut pose = start.between_origins(map.origin, query.origin);
+    let last = config.final_distance.metres(map.voxel);
+    let mut distance = config.max_distance.metres(map.voxel).max(last);
+    let mut refined = Refined::start(start);
+    for iteration in 1..=config.max_iterations {
+        let mut pairs = pair(map, &chosen, &pose, distance);
+        trim(&mut pairs, config.trim);
+        refined.pairs = pairs.len();
+        refined.iterations = iteration;
+        if pairs.len() < config.min_pairs {
+            refined.stop = StopReason::TooFewPairs;
+            break;
+        }
+        let scale = config.kernel_scale * distance;
+        let centre = pose.transform(centroid);
+        let next = match config.metric {
+            IcpMetric::PointToPoint => point_to_point(map, &pairs, config.kernel, scale),
+            IcpMetric::PointToPlane => {
+                let system = point_to_plane(map, &pairs, centre, config.kernel, scale);
+                system
+                    .step(length, CURVATURE_FLOOR)
+                    .map(|s| pose.perturbed([s[0], s[1], s[2]], [s[3], s[4], s[5]], centre))
+            }
+        };
+        let Some(next) = next else {
+            refined.stop = StopReason::Degenerate;
+            break;
+        };
+        let step = pose.distance(&next, centroid);
+        pose = next;
+        let settled = step.translation < config.translation_epsilon
+            && step.rotation < config.rotation_epsilon;
+        if settled && distance <= last {
+            refined.stop = StopReason::Converged;
+            break;
+        }
+        // A pose that still moves by a good part of the bound needs its distant pairs.
+        if step.translation + length * step.rotation < 0.1 * distance {
+            distance = (distance * config.shrink).max(last);
+        }
+    }
+    refined.map_from_query = pose.from_between_origins(map.origin, query.origin);
+    refined
+}
+
+/// The 6×6 information matrix `Σ JᵀJ` of a point-to-plane fit of `query` on `map` at `map_from_query`,
+/// for steps `[δt, δθ]` about the query's centroid in map axes, with the mean square residual of
+/// its pairs.
+///
+/// In units of one residual variance: divide by the variance for an inverse covariance, and mind
+/// that neighbouring points do not err independently. Pairs further apart than `distance` metres
+/// do not count.
+#[must_use]
+pub fn information(
+    map: &Surface,
+    query: &Surface,
+    map_from_query: &Pose,
+    distance: f64,
+    max_points: usize,
+) -> Information {
+    let chosen = sample(&query.points, max_points);
+    let (centroid, _) = spread(&chosen);
+    let pose = map_from_query.between_origins(map.origin, query.origin);
+    let pairs = pair(map, &chosen, &pose, distance);
+    let centre = pose.transform(centroid);
+    let system = point_to_plane(map, &pairs, centre, Kernel::None, 1.0);
+    let mut moments = [[0.0; 3]; 3];
+    for p in &pairs {
+        let a: [f64; 3] = std::array::from_fn(|k| p.moved[k] - centre[k]);
+        for i in 0..3 {
+            for j in 0..3 {
+                moments[i][j] += a[i] * a[j];
+            }
+        }
+    }
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let n = pairs.len().max(1) as f64;
+    Information {
+        moments: moments.map(|r| r.map(|v| v / n)),
+        matrix: system.matrix(),
+        about: std::array::from_fn(|a| centre[a] + map.origin[a]),
+        pairs: system.count,
+        residual_variance: system.cost / system.weight.max(1.0),
+    }
+}
+
+/// What a point-to-plane fit says about the pose, see [`information`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Information {
+    /// `Σ JᵀJ`, ordered δt, δθ: counts, m, m².
+    pub matrix: [[f64; 6]; 6],
+    /// The point that rotations turn about, map frame, metres.
+    pub about: [f64; 3],
+    /// Second moments of the paired query points about that point, map axes, m².
+    pub moments: [[f64; 3]; 3],
+    /// Pairs that took part.
+    pub pairs: usize,
+    /// Mean square point-to-plane distance of the pairs, m².
+    pub residual_variance: f64,
+}
+
+/// Nearest map points within `distance`, in the order of the query's points.
+fn pair(map: &Surface, query: &[[f32; 3]], pose: &Pose, distance: f64) -> Vec<Pair> {
+    #[expect(clippy::cast_possible_truncation, reason = "metres")]
+    let radius = distance as f32;
+    let found = parallel::chunks(query.len(), |range| {
+        let mut out = Vec::with_capacity(range.len());
+        for q in &query[range] {
+            let query = q.map(f64::from);
+            let moved = pose.transform(query);
+            #[expect(
+                clippy::cast_possible_truncation,
+                reason = "offsets within f32's range"
+            )]
+            let at = moved.map(|v| v as f32);
+            if let Some(n) = map.tree.nearest_within(at, radius) {
+                out.push(Pair {
+                    moved,
+                    query,
+                    map: n.index,
+                    distance: f64::from(n.distance_squared).sqrt(),
+                });
+            }
+        }
+        out
+    });
+    found.into_iter().flatten().collect()
+}
+
+/// Keeps the closest `share` of the pairs.
+fn trim(pairs: &mut Vec<Pair>, share: f64) {
+    if share >= 1.0 || pairs.is_empty() {
+        return;
+    }
+    #[expect(
+        clippy::cast_precision_loss,
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a share of a count"
+    )]
+    let keep = ((pairs.len() as f64 * share).ceil() as usize).clamp(1, pairs.len());
+    let mut distances: Vec<f64> = pairs.iter().map(|p| p.distance).collect();
+    let limit = *distances.select_nth_unstable_by(keep - 1, f64::total_cmp).1;
+    pairs.retain(|p| p.distance <= limit);
+}
+
+fn point_to_point(map: &Surface, pairs: &[Pair], kernel: Kernel, scale: f64) -> Option<Pose> {
+    fit_rigid(pairs.iter().map(|p| {
+        let target = map.points[p.map as usize].map(f64::from);
+        (p.query, target, weight(kernel, p.distance, scale))
+    }))
+}
+
+fn point_to_plane(
+    map: &Surface,
+    pairs: &[Pair],
+    centre: [f64; 3],
+    kernel: Kernel,
+    scale: f64,
+) -> System {
+    parallel::sum(
+        pairs.len(),
+        |system: &mut System, i| {
+            let p = &pairs[i];
+            let n = map.normals[p.map as usize].map(f64::from);
+            if n == [0.0; 3] {
+                return;
+            }
+            let q = map.points[p.map as usize];
+            let d: [f64; 3] = std::array::from_fn(|a| p.moved[a] - f64::from(q[a]));
+            let r = n[0] * d[0] + n[1] * d[1] + n[2] * d[2];
+            let a: [f64; 3] = std::array::from_fn(|k| p.moved[k] - centre[k]);
+            // n · (θ × a) = θ · (a × n)
+            let j = [
+                n[0],
+                n[1],
+                n[2],
+                a[1] * n[2] - a[2] * n[1],
+                a[2] * n[0] - a[0] * n[2],
+                a[0] * n[1] - a[1] * n[0],
+            ];
+            system.add_row(&j, r, weight(kernel, r.abs(), scale));
+        },
+        System::merge,
+    )
+}
+
+/// The weight of a residual of size `r` under the kernel's `scale`.
+fn weight(kernel: Kernel, r: f64, scale: f64) -> f64 {
+    match kernel {
+        Kernel::None => 1.0,
+        Kernel::Huber if r <= scale => 1.0,
+        Kernel::Huber => scale / r,
+        Kernel::GemanMcClure => {
+            let s = scale * scale;
+            let w = s / (s + r * r);
+            w * w
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::Rng;
+    use crate::test_world::{drift, surface};
+
+    fn start(seed: u64) -> Pose {
+        let mut rng = Rng::new(seed, 0);
+        let d = rng.direction();
+        let r = rng.direction();
+        Pose::identity().perturbed(d.map(|v| 0.4 * v), r.map(|v| 0.06 * v), [5.0, 0.0, 0.0])
+    }
+
+    fn error(found: &Refined) -> (f64, f64) {
+        let d = found
+            .map_from_query
+            .distance(&Pose::identity(), [5.0, 0.0, 0.0]);
+        (d.translation, d.rotation)
+    }
+
+    #[test]
+    fn both_metrics_come_home_from_half_a_metre() {
+        let map = surface(&drift(80_000, 14.0, 0.3, 0.01, 1), 0.15);
+        // In a frame of its own: two clouds thinned on one grid lock into each other.
+        let own = Pose::from_rotation_vector([0.2, 0.5, 1.0], [3.0, -2.0, 1.0]);
+        let turned: Vec<[f64; 3]> = drift(50_000, 10.0, 0.3, 0.01, 2)
+            .iter()
+            .map(|p| own.transform(*p))
+            .collect();
+        let query = surface(&turned, 0.15);
+        for (metric, limit) in [
+            (IcpMetric::PointToPlane, 0.01),
+            (IcpMetric::PointToPoint, 0.06),
+        ] {
+            for seed in 0..6 {
+                let config = IcpConfig {
+                    metric,
+                    max_distance: crate::config::Length::Metres(1.0),
+                    max_iterations: 200,
+                    ..IcpConfig::default()
+                };
+                let mut found = align(&map, &query, &start(seed).compose(&own.inverse()), &config);
+                found.map_from_query = found.map_from_query.compose(&own);
+                let (t, r) = error(&found);
+                assert!(
+                    t < limit && r < limit,
+                    "{metric} {seed}: {t} m, {r} rad, {}",
+                    found.stop
+                );
+                assert_eq!(found.stop, StopReason::Converged);
+            }
+        }
+    }
+
+    #[test]
+    fn kernels_and_trimming_resist_a_second_wall() {
+        let map = surface(&drift(80_000, 14.0, 0.3, 0.01, 1), 0.15);
+        let mut points = drift(50_000, 10.0, 0.3, 0.01, 2);
+        // A fifth of the query is something that stands in front of the wall today.
+        let n = points.len();
+        for p in &mut points[..n / 5] {
+            p[1] *= 0.9;
+            p[2] *= 0.9;
+            p[0] += 0.1;
+        }
+        let query = surface(&points, 0.15);
+        let run = |kernel, trim| {
+            let config = IcpConfig {
+                metric: IcpMetric::PointToPlane,
+                kernel,
+                trim,
+                final_distance: crate::config::Length::Metres(0.5),
+                ..IcpConfig::default()
+            };
+            error(&align(&map, &query, &start(1), &config)).0
+        };
+        let plain = run(Kernel::None, 1.0);
+        assert!(plain > 0.03, "the second wall must hurt: {plain}");
+        for (kernel, trim) in [
+            (Kernel::GemanMcClure, 1.0),
+            (Kernel::Huber, 1.0),
+            (Kernel::GemanMcClure, 0.8),
+        ] {
+            let robust = run(kernel, trim);
+            assert!(
+                robust < 0.75 * plain,
+                "{kernel} {trim}: {robust}, without {plain}"
+            );
+        }
+    }
+
+    #[test]
+    fn along_a_bare_tunnel_nothing_is_moved() {
+        let map = surface(&drift(80_000, 40.0, 0.0, 0.0, 1), 0.15);
+        let inside: Vec<[f64; 3]> = drift(80_000, 40.0, 0.0, 0.0, 2)
+            .into_iter()
+            .filter(|p| p[0] > 15.0 && p[0] < 25.0)
+            .collect();
+        let query = surface(&inside, 0.15);
+        let config = IcpConfig {
+            metric: IcpMetric::PointToPlane,
+            ..IcpConfig::default()
+        };
+        let start = Pose::from_translation([0.3, 0.1, 0.0]);
+        let found = align(&map, &query, &start, &config);
+        let t = found.map_from_query.translation();
+        assert!((t[0] - 0.3).abs() < 0.1 && t[1].abs() < 0.02, "{t:?}");
+    }
+
+    #[test]
+    fn far_away_and_empty_clouds_stop_with_a_reason() {
+        let map = surface(&drift(20_000, 10.0, 0.3, 0.0, 1), 0.2);
+        let far = Pose::from_translation([500.0, 0.0, 0.0]);
+        let found = align(&map, &map, &far, &IcpConfig::default());
+        assert_eq!(
+            (found.stop, found.map_from_query),
+            (StopReason::TooFewPairs, far)
+        );
+        let nothing = Surface::default();
+        assert_eq!(
+            align(&map, &nothing, &far, &IcpConfig::default()).stop,
+            StopReason::TooFewPairs
+        );
+        assert_eq!(
+            align(&nothing, &map, &far, &IcpConfig::default()).stop,
+            StopReason::TooFewPairs
+        );
+    }
+
+    #[test]
+    fn the_plane_jacobian_is_that_of_finite_differences() {
+        let map = surface(&drift(20_000, 10.0, 0.3, 0.0, 1), 0.2);
+        let query = surface(&drift(9_000, 10.0, 0.3, 0.01, 2), 0.2);
+        let pose = Pose::from_rotation_vector([0.01, 0.0, 0.02], [0.02, 0.01, 0.0]);
+        let (centroid, _) = spread(&query.points);
+        let pairs = pair(&map, &query.points, &pose, 0.3);
+        let centre = pose.transform(centroid);
+        let system = point_to_plane(&map, &pairs, centre, Kernel::None, 1.0);
+        // The pairs held fixed, the cost under a small step.
+        let cost = |step: [f64; 6]| -> f64 {
+            let moved = pose.perturbed(
+                [step[0], step[1], step[2]],
+                [step[3], step[4], step[5]],
+                centre,
+            );
+            pairs
+                .iter()
+                .map(|p| {
+                    let at = moved.transform(p.query);
+                    let (q, n) = (map.points[p.map as usize], map.normals[p.map as usize]);
+                    (0..3)
+                        .map(|a| (at[a] - f64::from(q[a])) * f64::from(n[a]))
+                        .sum::<f64>()
+                        .powi(2)
+                })
+                .sum()
+        };
+        for i in 0..6 {
+            let h = 1e-5;
+            let (mut up, mut down) = ([0.0; 6], [0.0; 6]);
+            up[i] = h;
+            down[i] = -h;
+            let numeric = (cost(up) - cost(down)) / (2.0 * h);
+            assert!(
+                (numeric - 2.0 * system.g[i]).abs() < 1e-3 * (1.0 + numeric.abs()),
+                "{i}: {numeric} {}",
+                2.0 * system.g[i]
+            );
+        }
+    }
+}
