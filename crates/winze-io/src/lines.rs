@@ -1,0 +1,218 @@
+//! Numbers in lines of text, a million lines at a time.
+
+use rayon::prelude::*;
+
+use crate::columns::{Row, excerpt};
+use crate::error::{Fault, Place};
+
+/// Text is parsed in pieces of about this many bytes. Fixed, so that the pieces do not depend on
+/// the number of threads.
+const PIECE: usize = 1 << 20;
+
+/// A decimal number, `nan` or `inf` with or without a sign, or one of the spellings of "not a
+/// number" of older C libraries (`1.#QNAN`, `-nan(ind)`).
+pub(crate) fn number(token: &[u8]) -> Option<f64> {
+    let text = std::str::from_utf8(token).ok()?;
+    if let Ok(value) = text.parse() {
+        return Some(value);
+    }
+    let odd = text.trim_start_matches(['+', '-']).to_ascii_lowercase();
+    if odd.starts_with("1.#inf") {
+        Some(f64::INFINITY)
+    } else if odd.starts_with("1.#") || odd.starts_with("nan(") {
+        Some(f64::NAN)
+    } else {
+        None
+    }
+}
+
+/// The tokens of a line that stand between blanks or tabs.
+pub(crate) fn blank_separated(line: &[u8]) -> impl Iterator<Item = &[u8]> {
+    line.split(|b| matches!(b, b' ' | b'\t'))
+        .filter(|token| !token.is_empty())
+}
+
+/// The points of many lines.
+#[derive(Debug, Default)]
+pub(crate) struct Rows {
+    pub(crate) points: Vec<[f64; 3]>,
+    pub(crate) intensity: Vec<f32>,
+}
+
+/// Parses all of `bytes` from `start` on, a row a line; lines for which `parse` gives `None` hold
+/// none. Intensities are kept only if asked for.
+///
+/// # Errors
+/// The first line in the file that `parse` refuses, with its number and an excerpt.
+pub(crate) fn parse_rows(
+    bytes: &[u8],
+    start: usize,
+    with_intensity: bool,
+    parse: impl Fn(&[u8]) -> Result<Option<Row>, String> + Sync,
+) -> Result<Rows, Fault> {
+    let pieces: Vec<Result<Rows, (usize, String)>> = pieces(bytes, start)
+        .into_par_iter()
+        .map(|(offset, piece)| parse_piece(offset, piece, with_intensity, &parse))
+        .collect();
+    let mut all = Rows::default();
+    for piece in pieces {
+        let piece = piece.map_err(|(offset, problem)| {
+            Fault::Malformed(Place::Line(line_number(bytes, offset)), problem)
+        })?;
+        if all.points.is_empty() {
+            all = piece;
+        } else {
+            all.points.extend(piece.points);
+            all.intensity.extend(piece.intensity);
+        }
+    }
+    Ok(all)
+}
+
+/// Cuts `bytes` from `start` on at the first line end after each multiple of [`PIECE`].
+fn pieces(bytes: &[u8], start: usize) -> Vec<(usize, &[u8])> {
+    let mut out = Vec::new();
+    let mut offset = start;
+    while let Some(rest) = bytes.get(offset..).filter(|rest| !rest.is_empty()) {
+        let end = rest
+            .get(PIECE..)
+            .and_then(|tail| tail.iter().position(|&b| b == b'\n'))
+            .map_or(rest.len(), |at| PIECE + at + 1);
+        let (piece, _) = rest.split_at(end);
+        out.push((offset, piece));
+        offset += end;
+    }
+    out
+}
+
+fn parse_piece(
+    offset: usize,
+    piece: &[u8],
+    with_intensity: bool,
+    parse: impl Fn(&[u8]) -> Result<Option<Row>, String>,
+) -> Result<Rows, (usize, String)> {
+    let mut rows = Rows::default();
+    let mut at = offset;
+    for line in piece.split_inclusive(|&b| b == b'\n') {
+        let content = line.trim_ascii();
+        match parse(content) {
+            Ok(Some(row)) => {
+                rows.points.push(row.point);
+                if with_intensity {
+                    rows.intensity.push(row.intensity);
+                }
+            }
+            Ok(None) => {}
+            Err(problem) => {
+                return Err((at, format!("{problem}, in \"{}\"", excerpt(content))));
+            }
+        }
+        at += line.len();
+    }
+    Ok(rows)
+}
+
+/// The number, from 1, of the line that holds byte `offset`.
+pub(crate) fn line_number(bytes: &[u8], offset: usize) -> usize {
+    let before = bytes.get(..offset).unwrap_or(bytes);
+    1 + before.iter().filter(|&&b| b == b'\n').count()
+}
+
+/// Where the first `count` lines of `bytes` that are not blank end; `Err` with their number where
+/// there are fewer.
+pub(crate) fn skip_lines(bytes: &[u8], count: u64) -> Result<usize, u64> {
+    let mut end = 0;
+    let mut seen = 0;
+    let mut lines = bytes.split_inclusive(|&b| b == b'\n');
+    while seen < count {
+        let line = lines.next().ok_or(seen)?;
+        end += line.len();
+        seen += u64::from(!line.trim_ascii().is_empty());
+    }
+    Ok(end)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(line: &[u8]) -> Result<Option<Row>, String> {
+        if line.is_empty() {
+            return Ok(None);
+        }
+        let value = number(line).ok_or("not a number")?;
+        Ok(Some(Row {
+            point: [value; 3],
+            intensity: 0.5,
+        }))
+    }
+
+    #[test]
+    fn numbers_of_all_spellings() {
+        for (text, value) in [
+            ("1.5", 1.5),
+            ("-.5", -0.5),
+            ("5.", 5.0),
+            ("+1e3", 1000.0),
+            ("-inf", f64::NEG_INFINITY),
+        ] {
+            assert_eq!(number(text.as_bytes()), Some(value), "{text}");
+        }
+        for text in [
+            "nan",
+            "-nan",
+            "NaN",
+            "-NAN",
+            "1.#QNAN",
+            "-1.#IND",
+            "-nan(ind)",
+        ] {
+            assert!(number(text.as_bytes()).is_some_and(f64::is_nan), "{text}");
+        }
+        assert!(number(b"1.#INF").is_some_and(f64::is_infinite));
+        for text in ["", "x", "1,5", "0x10", "1 2", "nano", "--1"] {
+            assert_eq!(number(text.as_bytes()), None, "{text}");
+        }
+        assert_eq!(number(b"\xff"), None);
+    }
+
+    #[test]
+    fn many_pieces_give_the_rows_in_order() {
+        let text: String = (0..400_000).map(|i| format!("{i}\r\n")).collect();
+        assert!(text.len() > 2 * PIECE);
+        let rows = parse_rows(text.as_bytes(), 0, true, row).unwrap();
+        assert_eq!(
+            (rows.points.len(), rows.intensity.len()),
+            (400_000, 400_000)
+        );
+        assert!(
+            rows.points
+                .iter()
+                .enumerate()
+                .all(|(i, p)| p[0] == i as f64)
+        );
+    }
+
+    #[test]
+    fn the_first_bad_line_is_named() {
+        let mut text: String = "header\n".to_owned() + &"1.25\n".repeat(500_000);
+        text.push_str("oops\n");
+        text.push_str(&"1\n".repeat(700_000));
+        text.push_str("worse");
+        let error = parse_rows(text.as_bytes(), 7, false, row)
+            .unwrap_err()
+            .of("a.xyz");
+        assert_eq!(
+            error.to_string(),
+            "a.xyz: line 500002: not a number, in \"oops\""
+        );
+    }
+
+    #[test]
+    fn skipping_counts_only_lines_that_hold_something() {
+        assert_eq!(skip_lines(b"1\n\n \r\n2\n3", 2), Ok(8));
+        assert_eq!(skip_lines(b"1\n\n \r\n2\n3", 3), Ok(9));
+        assert_eq!(skip_lines(b"1\n\n \r\n2\n3", 4), Err(3));
+        assert_eq!(skip_lines(b"", 0), Ok(0));
+    }
+}

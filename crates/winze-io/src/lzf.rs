@@ -1,0 +1,244 @@
+//! LZF, the compression of PCD's `binary_compressed`.
+//!
+//! A stream of blocks, each led by a control byte `c`:
+//! * `c < 32`: the next `c + 1` bytes are literal;
+//! * else a match: length `(c >> 5) + 2`, where a `c >> 5` of 7 adds the next byte; distance
+//!   `((c & 31) << 8 | next byte) + 1`, counted back from the end of the output.
+//!
+//! The format is Marc Lehmann's; this is an implementation of its description.
+
+/// The longest match, 7 + 255 + 2 bytes, takes three bytes of input.
+const LONGEST_MATCH: usize = 264;
+
+/// No stream can grow by more than this.
+pub(crate) const MOST_EXPANSION: usize = LONGEST_MATCH / 3;
+
+const FURTHEST: usize = 1 << 13;
+const LONGEST_LITERAL: usize = 32;
+const HASH_BITS: u32 = 15;
+
+/// The decompressed bytes, which must number exactly `size`.
+///
+/// `size` is allocated up front: check it against [`MOST_EXPANSION`] first.
+///
+/// # Errors
+/// The position in `input` of the block that is broken, that is cut short or that overshoots.
+pub(crate) fn decompress(input: &[u8], size: usize) -> Result<Vec<u8>, usize> {
+    let mut out = vec![0; size];
+    let mut at = 0;
+    let mut rest = input;
+    while let Some((&control, tail)) = rest.split_first() {
+        let block = input.len() - rest.len();
+        let control = usize::from(control);
+        let length;
+        if control < LONGEST_LITERAL {
+            length = control + 1;
+            copy_literal(&mut out, at, tail, length).ok_or(block)?;
+            rest = tail.get(length..).ok_or(block)?;
+        } else {
+            let (extra, tail) = match control >> 5 {
+                7 => tail
+                    .split_first()
+                    .map(|(&n, tail)| (usize::from(n), tail))
+                    .ok_or(block)?,
+                _ => (0, tail),
+            };
+            let (&low, tail) = tail.split_first().ok_or(block)?;
+            length = (control >> 5) + extra + 2;
+            let distance = ((control & 31) << 8 | usize::from(low)) + 1;
+            copy_match(&mut out, at, distance, length).ok_or(block)?;
+            rest = tail;
+        }
+        at += length;
+    }
+    if at == size {
+        Ok(out)
+    } else {
+        Err(input.len())
+    }
+}
+
+/// Puts the first `length` bytes of `input` at `at`. `None` where there is no such place.
+fn copy_literal(out: &mut [u8], at: usize, input: &[u8], length: usize) -> Option<()> {
+    let out = out.get_mut(at..).filter(|out| out.len() >= length)?;
+    // A copy of fixed length is much faster; later blocks put right what it writes too much.
+    if let (Some(to), Some(from)) = (
+        out.first_chunk_mut(),
+        input.first_chunk::<LONGEST_LITERAL>(),
+    ) {
+        *to = *from;
+    } else {
+        out.get_mut(..length)?.copy_from_slice(input.get(..length)?);
+    }
+    Some(())
+}
+
+/// Repeats `length` bytes from `distance` before `at` on; a match may run into its own output.
+/// `None` where there is no such place.
+fn copy_match(out: &mut [u8], at: usize, distance: usize, length: usize) -> Option<()> {
+    const STEP: usize = 8;
+    let from = at.checked_sub(distance)?;
+    if at + length > out.len() {
+        return None;
+    }
+    let mut done = 0;
+    if distance >= STEP && at + length + STEP <= out.len() {
+        while done < length {
+            let step: [u8; STEP] = *out.get(from + done..)?.first_chunk()?;
+            *out.get_mut(at + done..)?.first_chunk_mut()? = step;
+            done += STEP;
+        }
+    }
+    while done < length {
+        // What was copied so far repeats with the same period, so each turn may copy twice as much.
+        let step = (length - done).min(distance + done);
+        out.copy_within(from..from + step, at + done);
+        done += step;
+    }
+    Some(())
+}
+
+/// Compresses `input` so that [`decompress`] and other readers of LZF give it back. Positions must
+/// fit 32 bits, as PCD's size words do.
+///
+/// Greedy, with a table of the last place of each hash of three bytes.
+pub(crate) fn compress(input: &[u8]) -> Vec<u8> {
+    let mut out = Vec::with_capacity(input.len() / 2);
+    let mut table = vec![0u32; 1 << HASH_BITS];
+    let mut literal_start = 0;
+    let mut at = 0;
+    while let Some(three) = input.get(at..).and_then(|rest| rest.first_chunk::<3>()) {
+        // Position 0 stands for "never seen", so a match with the very first byte is not found.
+        let seen = table
+            .get_mut(hash(*three))
+            .map_or(0, |slot| std::mem::replace(slot, at as u32) as usize);
+        let length = match at - seen {
+            distance if seen > 0 && distance <= FURTHEST => match_length(input, seen, at),
+            _ => 0,
+        };
+        if length < 3 {
+            at += 1;
+            continue;
+        }
+        put_literals(&mut out, input.get(literal_start..at).unwrap_or_default());
+        put_match(&mut out, at - seen - 1, length);
+        at += length;
+        literal_start = at;
+    }
+    put_literals(&mut out, input.get(literal_start..).unwrap_or_default());
+    out
+}
+
+fn hash([a, b, c]: [u8; 3]) -> usize {
+    let key = u32::from_le_bytes([a, b, c, 0]);
+    (key.wrapping_mul(0x9E37_79B1) >> (32 - HASH_BITS)) as usize
+}
+
+/// How many bytes agree from `earlier` and from `at` on.
+fn match_length(input: &[u8], earlier: usize, at: usize) -> usize {
+    let (Some(a), Some(b)) = (input.get(earlier..), input.get(at..)) else {
+        return 0;
+    };
+    a.iter()
+        .zip(b)
+        .take(LONGEST_MATCH)
+        .take_while(|(x, y)| x == y)
+        .count()
+}
+
+fn put_literals(out: &mut Vec<u8>, literals: &[u8]) {
+    for run in literals.chunks(LONGEST_LITERAL) {
+        out.push((run.len() - 1) as u8);
+        out.extend_from_slice(run);
+    }
+}
+
+/// `offset` is the distance less one.
+fn put_match(out: &mut Vec<u8>, offset: usize, length: usize) {
+    let code = length - 2;
+    let high = (offset >> 8) as u8;
+    if code < 7 {
+        out.push((code as u8) << 5 | high);
+    } else {
+        out.push(7 << 5 | high);
+        out.push((code - 7) as u8);
+    }
+    out.push(offset as u8);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_hand_made_stream_decompresses() {
+        // "abc", then 5 bytes from 3 back (overlapping), then a long match of 1 back.
+        let stream = [2, b'a', b'b', b'c', 3 << 5, 2, 7 << 5, 1, 0];
+        assert_eq!(decompress(&stream, 18).unwrap(), b"abcabcabbbbbbbbbbb");
+        assert_eq!(decompress(&stream, 17), Err(6));
+        assert_eq!(decompress(&stream, 5), Err(4));
+        assert_eq!(decompress(&stream, 2), Err(0));
+        assert_eq!(decompress(&stream, 19), Err(9));
+    }
+
+    #[test]
+    fn broken_streams_name_the_block() {
+        assert_eq!(decompress(&[5, 1, 2], 6), Err(0), "cut literal");
+        assert_eq!(decompress(&[0, 9, 0x20], 4), Err(2), "cut match");
+        assert_eq!(decompress(&[0, 9, 0xE0, 1], 20), Err(2), "cut long match");
+        assert_eq!(
+            decompress(&[0, 9, 0x20, 1], 4),
+            Err(2),
+            "match before the start"
+        );
+        assert_eq!(decompress(&[], 1), Err(0));
+        assert_eq!(decompress(&[], 0), Ok(vec![]));
+    }
+
+    #[test]
+    fn runs_and_repeats_become_small() {
+        for input in [
+            vec![0u8; 100_000],
+            b"winze ".repeat(5_000),
+            vec![7; 3],
+            vec![],
+        ] {
+            let packed = compress(&input);
+            assert!(
+                packed.len() <= input.len() / 30 + 12,
+                "{} of {}",
+                packed.len(),
+                input.len()
+            );
+            assert!(packed.len() * MOST_EXPANSION >= input.len());
+            assert_eq!(decompress(&packed, input.len()).unwrap(), input);
+        }
+    }
+
+    #[test]
+    fn matches_at_the_furthest_distance_are_found_again() {
+        let noise: Vec<u8> = (0..FURTHEST as u32 + 3)
+            .map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8)
+            .collect();
+        for cut in FURTHEST - 2..FURTHEST + 3 {
+            let input = [b"#unique#", &noise[..cut], b"#unique#"].concat();
+            assert_eq!(decompress(&compress(&input), input.len()).unwrap(), input);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_compressed_comes_back(input in proptest::collection::vec(0u8..6, 0..3000)) {
+            prop_assert_eq!(decompress(&compress(&input), input.len()).unwrap(), input);
+        }
+
+        #[test]
+        fn any_bytes_decompress_to_the_size_or_fail(input in proptest::collection::vec(any::<u8>(), 0..200), size in 0usize..2000) {
+            if let Ok(out) = decompress(&input, size) {
+                prop_assert_eq!(out.len(), size);
+                prop_assert!(size <= input.len() * MOST_EXPANSION);
+            }
+        }
+    }
+}

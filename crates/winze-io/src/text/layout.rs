@@ -1,0 +1,213 @@
+//! How the columns of a text file are laid out, from its first lines.
+
+use std::fmt;
+
+use crate::columns::{self, Columns};
+use crate::error::{Fault, Place};
+use crate::lines::{blank_separated, number};
+
+/// What stands between two columns.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Delimiter {
+    Blank,
+    Comma,
+    Semicolon,
+}
+
+#[derive(Debug)]
+pub(super) struct Layout {
+    pub(super) delimiter: Delimiter,
+    pub(super) columns: Columns,
+    /// Names of the columns, as far as they are known.
+    pub(super) names: Vec<String>,
+    /// Where the first line of numbers begins.
+    pub(super) body: usize,
+    /// The number of points that the first line announces.
+    pub(super) announced: Option<u64>,
+}
+
+impl Delimiter {
+    fn detect(line: &[u8]) -> Self {
+        if line.contains(&b';') {
+            Self::Semicolon
+        } else if line.contains(&b',') {
+            Self::Comma
+        } else {
+            Self::Blank
+        }
+    }
+
+    /// The delimiter's byte, where it is a single one.
+    pub(super) fn byte(self) -> Option<u8> {
+        match self {
+            Self::Blank => None,
+            Self::Comma => Some(b','),
+            Self::Semicolon => Some(b';'),
+        }
+    }
+
+    /// A number in a column: in quotes or not, absent (not a number), between semicolons with a
+    /// decimal comma.
+    pub(super) fn number(self, token: &[u8]) -> Option<f64> {
+        let token = bare(token);
+        if token.is_empty() && self != Self::Blank {
+            return Some(f64::NAN);
+        }
+        if self == Self::Semicolon && token.contains(&b',') {
+            let point = |&b: &u8| if b == b',' { b'.' } else { b };
+            return number(&token.iter().map(point).collect::<Vec<u8>>());
+        }
+        number(token)
+    }
+
+    fn tokens(self, line: &[u8]) -> Vec<&[u8]> {
+        match self.byte() {
+            None => blank_separated(line).collect(),
+            Some(byte) => line.split(|&b| b == byte).collect(),
+        }
+    }
+}
+
+impl fmt::Display for Delimiter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Blank => "ascii, blank separated",
+            Self::Comma => "ascii, comma separated",
+            Self::Semicolon => "ascii, semicolon separated",
+        })
+    }
+}
+
+impl Layout {
+    /// Looks at the lines up to and including the first one of numbers.
+    pub(super) fn detect(bytes: &[u8]) -> Result<Self, Fault> {
+        if bytes.starts_with(&[0xFF, 0xFE]) || bytes.starts_with(&[0xFE, 0xFF]) {
+            return Err(Fault::malformed(
+                Place::File,
+                "is UTF-16 text; save it as UTF-8",
+            ));
+        }
+        let mut body = if bytes.starts_with(b"\xEF\xBB\xBF") {
+            3
+        } else {
+            0
+        };
+        let mut announced = None;
+        let mut comment = None;
+        let mut header: Option<Vec<String>> = None;
+        let lines = bytes.get(body..).unwrap_or_default();
+        for (i, line) in lines.split_inclusive(|&b| b == b'\n').enumerate() {
+            let content = line.trim_ascii();
+            if is_comment(content) {
+                let names = names(after_marker(content));
+                comment = Columns::find(&names).ok().map(|_| names).or(comment);
+            } else if !content.is_empty() {
+                let delimiter = Delimiter::detect(content);
+                let tokens = delimiter.tokens(content);
+                let first = tokens.first().copied().unwrap_or_default();
+                if tokens.len() == 1 && announced.is_none() && header.is_none() && is_count(first) {
+                    announced = std::str::from_utf8(first).ok().and_then(|t| t.parse().ok());
+                } else if header.is_none() && delimiter.number(first).is_none() {
+                    let row = names(content);
+                    Columns::find(&row)
+                        .map_err(|problem| Fault::Malformed(Place::Line(i + 1), problem))?;
+                    header = Some(row);
+                } else {
+                    // A comment is taken for names only if it fits: it may as well be prose.
+                    let comment = comment.filter(|names| names.len() == tokens.len());
+                    let (columns, names) = choose(header.or(comment));
+                    return Ok(Self {
+                        delimiter,
+                        columns,
+                        names,
+                        body,
+                        announced,
+                    });
+                }
+            }
+            body += line.len();
+        }
+        Err(Fault::Empty)
+    }
+}
+
+fn choose(names: Option<Vec<String>>) -> (Columns, Vec<String>) {
+    let unnamed = Columns {
+        xyz: [0, 1, 2],
+        intensity: None,
+    };
+    match names.map(|names| (Columns::find(&names), names)) {
+        Some((Ok(columns), names)) => (columns, names),
+        _ => (unnamed, ["x", "y", "z"].map(str::to_owned).to_vec()),
+    }
+}
+
+/// A line that holds no point.
+pub(super) fn is_comment(line: &[u8]) -> bool {
+    line.starts_with(b"#") || line.starts_with(b"//")
+}
+
+fn after_marker(line: &[u8]) -> &[u8] {
+    let start = line.iter().position(|b| !matches!(b, b'#' | b'/'));
+    start.and_then(|at| line.get(at..)).unwrap_or_default()
+}
+
+fn is_count(token: &[u8]) -> bool {
+    !token.is_empty() && token.iter().all(u8::is_ascii_digit)
+}
+
+/// A token without blanks and quotes around it.
+fn bare(token: &[u8]) -> &[u8] {
+    let token = token.trim_ascii();
+    match token {
+        [b'"', inner @ .., b'"'] => inner.trim_ascii(),
+        _ => token,
+    }
+}
+
+/// The names in a line, without quotes and units.
+fn names(line: &[u8]) -> Vec<String> {
+    let delimiter = Delimiter::detect(line);
+    delimiter
+        .tokens(line)
+        .into_iter()
+        .filter(|token| {
+            // Between blanks a unit is a token of its own.
+            let unit = token.starts_with(b"[") || token.starts_with(b"(");
+            delimiter != Delimiter::Blank || !unit
+        })
+        .map(|token| {
+            let token = bare(token);
+            let unit = token.iter().position(|b| matches!(b, b'[' | b'('));
+            let name = unit.and_then(|at| token.get(..at)).unwrap_or(token);
+            columns::name(&String::from_utf8_lossy(name.trim_ascii()))
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_lose_quotes_and_units() {
+        assert_eq!(names(b"\"X [m]\", \"Y(m)\",z"), ["X", "Y", "z"]);
+        assert_eq!(names(b"X [m] Y [m] Z[m]"), ["X", "Y", "Z"]);
+        assert_eq!(names(b""), Vec::<String>::new());
+    }
+
+    #[test]
+    fn the_body_starts_at_the_first_numbers() {
+        let layout = Layout::detect(b"# hello\n\n3\n1;2;3\n").unwrap();
+        assert_eq!((layout.body, layout.announced), (11, Some(3)));
+        assert_eq!(layout.delimiter, Delimiter::Semicolon);
+    }
+
+    #[test]
+    fn decimal_commas_only_between_semicolons() {
+        assert_eq!(Delimiter::Semicolon.number(b" \"1,5\" "), Some(1.5));
+        assert_eq!(Delimiter::Blank.number(b"1,5"), None);
+        assert!(Delimiter::Comma.number(b"").is_some_and(f64::is_nan));
+        assert_eq!(Delimiter::Blank.number(b""), None);
+    }
+}
