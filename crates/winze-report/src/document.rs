@@ -1,0 +1,119 @@
+//! The outcome as JSON, the contract that programs rely on.
+
+use serde::Serialize;
+use winze::degeneracy::Unobservable;
+use winze::outcome::Stage;
+use winze::{Outcome, Pose, PoseDistance, Verdict};
+
+/// Where a cloud came from.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Source {
+    /// Its path as given; null where there was no file.
+    pub path: Option<String>,
+    /// Digest of the file's bytes.
+    pub digest: Option<String>,
+    /// Finite points used.
+    pub points: usize,
+}
+
+/// One line of `hypotheses`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct HypothesisRow {
+    map_from_query: [[f64; 4]; 4],
+    score: f64,
+    median_point_to_plane: Option<f64>,
+    inlier_fraction: f64,
+    overlap: f64,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize)]
+struct ErrorRow {
+    translation_m: f64,
+    rotation_deg: f64,
+}
+
+/// The whole document, in the order it is written. What was not computed is null.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Document {
+    winze: &'static str,
+    verdict: Verdict,
+    confidence: Option<f64>,
+    reason: String,
+    map_from_query: Option<[[f64; 4]; 4]>,
+    covariance: Option<[[f64; 6]; 6]>,
+    covariance_at: Option<[f64; 3]>,
+    unobservable: Option<Vec<Unobservable>>,
+    hypotheses: Vec<HypothesisRow>,
+    inlier_fraction: Option<f64>,
+    inlier_rmse: Option<f64>,
+    inlier_distance: f64,
+    inlier_reference: &'static str,
+    error: Option<ErrorRow>,
+    voxel: Option<f64>,
+    stages: Vec<Stage>,
+    seconds: f64,
+    method: &'static str,
+    seed: u64,
+    config_digest: String,
+    map: Source,
+    query: Source,
+}
+
+impl Document {
+    /// Everything about one run.
+    #[must_use]
+    pub fn new(
+        outcome: &Outcome,
+        error: Option<&PoseDistance>,
+        config_digest: String,
+        map: Source,
+        query: Source,
+    ) -> Self {
+        Self {
+            winze: env!("CARGO_PKG_VERSION"),
+            verdict: outcome.verdict,
+            confidence: outcome.confidence,
+            reason: outcome.reason.clone(),
+            map_from_query: outcome.map_from_query.as_ref().map(Pose::to_matrix),
+            covariance: outcome.covariance,
+            covariance_at: outcome.covariance_at,
+            unobservable: outcome.unobservable.clone(),
+            hypotheses: outcome
+                .hypotheses
+                .iter()
+                .map(|h| HypothesisRow {
+                    map_from_query: h.map_from_query.to_matrix(),
+                    score: h.score,
+                    median_point_to_plane: h.median_point_to_plane,
+                    inlier_fraction: h.inlier_fraction,
+                    overlap: h.overlap,
+                })
+                .collect(),
+            inlier_fraction: outcome.inlier_fraction,
+            inlier_rmse: outcome.inlier_rmse,
+            inlier_distance: outcome.inlier_distance,
+            inlier_reference: outcome.inlier_reference,
+            error: error.map(|e| ErrorRow {
+                translation_m: e.translation,
+                rotation_deg: e.rotation.to_degrees(),
+            }),
+            voxel: outcome.voxel,
+            stages: outcome.stages.clone(),
+            seconds: outcome.seconds,
+            method: outcome.method,
+            seed: outcome.seed,
+            config_digest,
+            map,
+            query,
+        }
+    }
+
+    /// The document as indented JSON text with a final line break.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        // Only maps with keys that are no strings could fail, and there are none.
+        let mut text = serde_json::to_string_pretty(self).unwrap_or_default();
+        text.push('\n');
+        text
+    }
+}

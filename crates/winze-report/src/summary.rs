@@ -1,0 +1,100 @@
+//! The answer as a person reads it on a terminal.
+
+use std::fmt::Write as _;
+
+use winze::{Outcome, PoseDistance};
+
+/// Verdict, pose, metrics and the table of stages, as plain text. `error` is the distance from a
+/// known truth.
+#[must_use]
+pub fn summary(outcome: &Outcome, error: Option<&PoseDistance>) -> String {
+    let mut out = String::new();
+    let mut line = |name: &str, value: &str| {
+        let _ = writeln!(out, "{name:<14}{value}");
+    };
+    line("verdict", outcome.verdict.name());
+    line("because", &outcome.reason);
+    if let Some(pose) = &outcome.map_from_query {
+        let t = pose.translation();
+        let [yaw, pitch, roll] = pose.yaw_pitch_roll().map(f64::to_degrees);
+        line(
+            "translation",
+            &format!("{:.3} {:.3} {:.3} m", t[0], t[1], t[2]),
+        );
+        line(
+            "attitude",
+            &format!("yaw {yaw:.3}°  pitch {pitch:.3}°  roll {roll:.3}°"),
+        );
+        if let Some(c) = outcome.covariance_at {
+            line(
+                "query lies at",
+                &format!(
+                    "{:.3} {:.3} {:.3} m in the map (its centroid)",
+                    c[0], c[1], c[2]
+                ),
+            );
+        }
+    }
+    if let (Some(fraction), Some(rmse)) = (outcome.inlier_fraction, outcome.inlier_rmse) {
+        let text = format!(
+            "{:.2} % of the query within {} m of the {}, RMSE {rmse:.4} m",
+            100.0 * fraction,
+            outcome.inlier_distance,
+            outcome.inlier_reference
+        );
+        line("inliers", &text);
+    }
+    if let Some(e) = error {
+        line(
+            "error",
+            &format!(
+                "{:.3} m, {:.3}° from the truth given",
+                e.translation,
+                e.rotation.to_degrees()
+            ),
+        );
+    }
+    if let Some(voxel) = outcome.voxel {
+        line("voxel", &format!("{voxel:.3} m"));
+    }
+    if outcome.hypotheses.len() > 1 {
+        let _ = writeln!(
+            out,
+            "\nplaces weighed   overlap  finely  median residual   centroid in the map"
+        );
+        for h in outcome.hypotheses.iter().take(8) {
+            let at = centre(outcome, h);
+            let _ = writeln!(
+                out,
+                "               {:>7.1} % {:>5.1} %   {:>12} m   {at}",
+                100.0 * h.overlap,
+                100.0 * h.score,
+                h.median_point_to_plane
+                    .map_or("-".into(), |m| format!("{m:.4}")),
+            );
+        }
+    }
+    let _ = writeln!(
+        out,
+        "\n{:<18}{:>9}{:>12}{:>12}",
+        "stage", "seconds", "in", "out"
+    );
+    for s in &outcome.stages {
+        let _ = writeln!(
+            out,
+            "{:<18}{:>9.3}{:>12}{:>12}",
+            s.name, s.seconds, s.count_in, s.count_out
+        );
+    }
+    let _ = writeln!(out, "{:<18}{:>9.3}", "all", outcome.seconds);
+    out
+}
+
+/// Where a hypothesis puts the query's centroid.
+fn centre(outcome: &Outcome, h: &winze::outcome::RankedHypothesis) -> String {
+    let (Some(at), Some(best)) = (outcome.covariance_at, &outcome.map_from_query) else {
+        return String::new();
+    };
+    let p = h.map_from_query.transform(best.inverse().transform(at));
+    format!("{:.2} {:.2} {:.2}", p[0], p[1], p[2])
+}
