@@ -1,0 +1,183 @@
+//! What can be typed.
+
+use std::path::PathBuf;
+
+use clap::{ArgAction, Parser, Subcommand};
+use winze::Method;
+use winze::locate::Near;
+use winze_io::Encoding;
+
+/// Find a robot in its own map, underground.
+///
+/// winze answers where a point cloud (the query) lies in a prior map, with no initial guess: here
+/// it is, or I don't know.
+#[derive(Debug, Parser)]
+#[command(version, propagate_version = true, max_term_width = 100)]
+pub(crate) struct Args {
+    #[command(flatten)]
+    pub(crate) global: Global,
+    #[command(subcommand)]
+    pub(crate) verb: Verb,
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Global {
+    /// Say nothing but errors, show no progress.
+    #[arg(long, short, global = true, conflicts_with = "verbose")]
+    pub(crate) quiet: bool,
+    /// Say more; twice for still more.
+    #[arg(long, short, global = true, action = ArgAction::Count)]
+    pub(crate) verbose: u8,
+    /// Threads to use; 0 for all processors. The answer does not depend on it.
+    #[arg(long, global = true, default_value_t = 0, value_name = "N", value_parser = threads)]
+    pub(crate) threads: usize,
+    /// Settings from a TOML file; `winze config` prints one to start from.
+    #[arg(long, global = true, value_name = "FILE.toml")]
+    pub(crate) config: Option<PathBuf>,
+    /// One setting, such as `scale.voxel=0.3` or `icp.max_distance="3 voxels"`; may be repeated.
+    #[arg(long, global = true, value_name = "KEY=VALUE")]
+    pub(crate) set: Vec<String>,
+    /// Seed of every random choice.
+    #[arg(long, global = true, value_name = "N")]
+    pub(crate) seed: Option<u64>,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Verb {
+    /// Simulate a small mine and a query, locate it, show the answer: start here.
+    Demo(Demo),
+    /// Find a query cloud in a prior map.
+    ///
+    /// Exits with 0 where the query is located, 1 where the answer is another one (ambiguous,
+    /// degenerate, not_found, insufficient), 2 on an error.
+    Locate(Locate),
+    /// Tell what is in cloud files.
+    Info(Info),
+    /// Convert a cloud file to another format, by the extensions.
+    Convert(Convert),
+    /// Print the effective settings as a commented TOML file.
+    Config,
+    /// Print a completion script for a shell.
+    Completions(Completions),
+    /// Print the manual page.
+    Man,
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Demo {
+    /// Folder for the clouds, the picture, the report and the outcome.
+    #[arg(long, short, value_name = "DIR", default_value = "winze-demo")]
+    pub(crate) out: PathBuf,
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Locate {
+    /// The prior map: a PCD, PLY or text cloud.
+    pub(crate) map: PathBuf,
+    /// The query: a cloud in a frame of its own.
+    pub(crate) query: PathBuf,
+    /// auto, or one of the seed paper's five: fpfh, fpfh+ndt, fpfh+icp, ndt+icp, fpfh+ndt+icp.
+    #[arg(long, short, default_value_t = Method::Auto, value_name = "NAME")]
+    pub(crate) method: Method,
+    /// Both clouds have z up to within a few degrees.
+    #[arg(long)]
+    pub(crate) gravity_aligned: bool,
+    /// The query's middle lies in this ball of the map's frame, metres.
+    #[arg(long, value_name = "X,Y,Z,RADIUS", allow_hyphen_values = true, value_parser = near)]
+    pub(crate) near: Option<Near>,
+    /// Start pose map_from_query for ndt+icp, a 4x4 matrix in a text file; else the identity.
+    #[arg(long, value_name = "T.txt")]
+    pub(crate) initial: Option<PathBuf>,
+    /// The true map_from_query, a 4x4 matrix in a text file: adds the pose error.
+    #[arg(long, value_name = "T.txt")]
+    pub(crate) truth: Option<PathBuf>,
+    /// Write the outcome as JSON; `-` for stdout, the summary then goes to stderr.
+    #[arg(long, value_name = "FILE|-")]
+    pub(crate) json: Option<PathBuf>,
+    /// Write a page with the answer, the picture and the stages, to look at in a browser.
+    #[arg(long, value_name = "FILE.html")]
+    pub(crate) report: Option<PathBuf>,
+    /// Draw both clouds before and after, side by side.
+    #[arg(long, value_name = "FILE.png")]
+    pub(crate) picture: Option<PathBuf>,
+    /// Write the query as it lies in the map.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) save_aligned: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Info {
+    /// Cloud files.
+    #[arg(required = true, value_name = "FILE")]
+    pub(crate) files: Vec<PathBuf>,
+    /// As JSON, one line a file.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Convert {
+    /// The cloud to read.
+    pub(crate) input: PathBuf,
+    /// The cloud to write: .pcd, .ply, .xyz, .txt, .csv.
+    pub(crate) output: PathBuf,
+    /// ascii, binary or compressed; the format's usual one where it is not given.
+    #[arg(long, value_name = "NAME", value_parser = encoding)]
+    pub(crate) encoding: Option<Encoding>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Completions {
+    /// bash, elvish, fish, powershell or zsh.
+    pub(crate) shell: clap_complete::Shell,
+}
+
+fn threads(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(n) if n <= 1024 => Ok(n),
+        _ => Err("give a number from 0 (all processors) to 1024".into()),
+    }
+}
+
+fn near(text: &str) -> Result<Near, String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .filter_map(|t| t.trim().parse().ok())
+        .collect();
+    match numbers[..] {
+        [x, y, z, radius] if numbers.iter().all(|v| v.is_finite()) && radius > 0.0 => Ok(Near {
+            centre: [x, y, z],
+            radius,
+        }),
+        _ => Err("give four numbers, such as 120,-35,4,25, the last above 0".into()),
+    }
+}
+
+fn encoding(text: &str) -> Result<Encoding, String> {
+    match text {
+        "ascii" => Ok(Encoding::Ascii),
+        "binary" => Ok(Encoding::Binary),
+        "compressed" => Ok(Encoding::Compressed),
+        _ => Err("choose one of ascii, binary, compressed".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        use clap::CommandFactory as _;
+        Args::command().debug_assert();
+    }
+
+    #[test]
+    fn regions_parse() {
+        let n = near("1,-2.5, 3,10").unwrap();
+        assert_eq!((n.centre, n.radius), ([1.0, -2.5, 3.0], 10.0));
+        for bad in ["", "1,2,3", "1,2,3,0", "1,2,x,4", "1,2,3,4,5", "1,2,3,inf"] {
+            assert!(near(bad).is_err(), "{bad}");
+        }
+    }
+}
