@@ -12,7 +12,12 @@ use winze_io::Encoding;
 /// winze answers where a point cloud (the query) lies in a prior map, with no initial guess: here
 /// it is, or I don't know.
 #[derive(Debug, Parser)]
-#[command(version, propagate_version = true, max_term_width = 100)]
+#[command(
+    name = "winze",
+    version,
+    propagate_version = true,
+    max_term_width = 100
+)]
 pub(crate) struct Args {
     #[command(flatten)]
     pub(crate) global: Global,

@@ -2,9 +2,12 @@
 
 use std::path::Path;
 use std::process::ExitCode;
+use std::time::Instant;
 
+use anyhow::bail;
+use winze::outcome::Stage;
 use winze::{Cloud, Outcome, PoseDistance, Request, Verdict};
-use winze_io::{CloudFile, ReadOptions, atomic, read_cloud, read_transform, write_cloud};
+use winze_io::{CloudFile, Format, ReadOptions, atomic, read_cloud, read_transform, write_cloud};
 use winze_report::{Document, Source};
 
 use crate::args::{Global, Locate};
@@ -14,14 +17,26 @@ use crate::progress::Progress;
 
 pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
     let config = config::effective(global)?;
+    check_outputs(args)?;
     let progress = Progress::new(global.quiet);
-    progress.say("read map");
-    let map = read(&args.map)?;
-    progress.say("read query");
-    let query = read(&args.query)?;
+    let mut reading = Vec::new();
+    let mut read_timed = |name: &str, path: &Path| -> anyhow::Result<CloudFile> {
+        progress.say(name);
+        let begun = Instant::now();
+        let file = read(path)?;
+        reading.push(Stage {
+            name: name.into(),
+            seconds: begun.elapsed().as_secs_f64(),
+            count_in: file.report.points_in_file,
+            count_out: file.cloud.len(),
+        });
+        Ok(file)
+    };
+    let map = read_timed("read map", &args.map)?;
+    let query = read_timed("read query", &args.query)?;
     let initial = args.initial.as_deref().map(read_transform).transpose()?;
     let truth = args.truth.as_deref().map(read_transform).transpose()?;
-    let told = |name: &str, stage: Option<&winze::outcome::Stage>| progress.told(name, stage);
+    let told = |name: &str, stage: Option<&Stage>| progress.told(name, stage);
     let request = Request {
         method: args.method,
         initial,
@@ -29,7 +44,9 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
         near: args.near,
         progress: Some(&told),
     };
-    let outcome = winze::locate_by(&map.cloud, &query.cloud, &config, &request)?;
+    let mut outcome = winze::locate_by(&map.cloud, &query.cloud, &config, &request)?;
+    outcome.seconds += reading.iter().map(|s| s.seconds).sum::<f64>();
+    outcome.stages.splice(0..0, reading);
     let error = truth.and_then(|t| outcome.error(&t, &query.cloud));
     let source = |path: &Path, file: &CloudFile| Source {
         path: Some(path.display().to_string()),
@@ -57,6 +74,31 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
     Ok(exit_code(&outcome))
 }
 
+/// Refuses at once what could not be written in the end.
+fn check_outputs(args: &Locate) -> anyhow::Result<()> {
+    if let Some(path) = &args.save_aligned
+        && Format::from_extension(path).is_none()
+    {
+        bail!(
+            "{}: unknown format; a cloud is written as .pcd, .ply, .xyz, .txt or .csv",
+            path.display()
+        );
+    }
+    for path in [&args.json, &args.report, &args.picture, &args.save_aligned]
+        .into_iter()
+        .flatten()
+    {
+        let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+        if folder.is_some_and(|f| !f.is_dir()) {
+            bail!(
+                "{}: cannot be written: its folder does not exist; create it first",
+                path.display()
+            );
+        }
+    }
+    Ok(())
+}
+
 /// 0 located, 1 answered but not located.
 pub(crate) fn exit_code(outcome: &Outcome) -> ExitCode {
     ExitCode::from(u8::from(outcome.verdict != Verdict::Located))
@@ -75,6 +117,14 @@ pub(crate) fn read(path: &Path) -> anyhow::Result<CloudFile> {
         r.non_finite,
         r.no_returns
     );
+    if r.non_finite > 0 {
+        tracing::warn!(
+            "{}: {} of {} points are not finite and were dropped",
+            path.display(),
+            r.non_finite,
+            r.points_in_file
+        );
+    }
     for warning in &r.warnings {
         tracing::warn!("{}: {warning}", path.display());
     }

@@ -46,11 +46,9 @@ pub enum Error {
     },
 
     /// The prior map holds nothing to locate a query in.
-    #[error(
-        "the map has {points} usable points, too few to locate anything in; check its file and the range limits"
-    )]
+    #[error("distinct points in the map: {points}, too few to locate anything in; check its file")]
     EmptyMap {
-        /// Points left after preparation.
+        /// Distinct points left after preparation.
         points: usize,
     },
 

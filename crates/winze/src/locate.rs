@@ -114,16 +114,13 @@ pub fn locate_by(
     let limited = limit_range(query, &config.prepare);
     let cropped = request.near.map(|near| near.crop(map, &limited));
     let (whole_map, map) = (map, cropped.as_ref().unwrap_or(map));
-    let measured = run.stage("measure scale", map.len() + query.len(), || {
+    let sizes = run.stage("measure scale", map.len() + query.len(), || {
         let sizes = sizes(map, &limited, config, request.method);
-        let n = sizes.len();
+        let n = sizes.as_ref().map_or(0, Vec::len);
         (sizes, n)
-    });
-    if measured.is_empty() && map.len() < config.verify.min_points {
-        return Err(Error::EmptyMap { points: map.len() });
-    }
+    })?;
     let mut best: Option<Attempt> = None;
-    for voxel in measured {
+    for voxel in sizes {
         let attempt = run.attempt(map, &limited, voxel)?;
         let settled = attempt.verdict != Verdict::NotFound;
         if best.as_ref().is_none_or(|b| attempt.better_than(b)) {
@@ -137,20 +134,20 @@ pub fn locate_by(
 }
 
 /// Voxel sizes to try: the one that was set, else those that the data suggest. Only `auto` tries
-/// more than one. Empty where a cloud has no two distinct points.
-fn sizes(map: &Cloud, query: &Cloud, config: &Config, method: Method) -> Vec<f64> {
+/// more than one. Empty where the query has no two distinct points.
+fn sizes(map: &Cloud, query: &Cloud, config: &Config, method: Method) -> Result<Vec<f64>> {
     if config.scale.voxel > 0.0 {
-        return vec![config.scale.voxel];
+        return Ok(vec![config.scale.voxel]);
     }
-    let (Some(map), Some(query)) = (scale::measure(map), scale::measure(query)) else {
-        return Vec::new();
-    };
+    let map_measure = scale::measure(map).ok_or(Error::EmptyMap {
+        points: map.len().min(1),
+    })?;
     let tries = if method == Method::Auto {
         config.scale.tries
     } else {
         1
     };
-    scale::candidates(&map, &query, tries)
+    Ok(scale::measure(query).map_or_else(Vec::new, |m| scale::candidates(&map_measure, &m, tries)))
 }
 
 /// What one voxel size gave.
@@ -340,7 +337,10 @@ impl Run<'_> {
         let best = best.unwrap_or_else(|| {
             Attempt::insufficient(
                 0.0,
-                format!("the query has {} points, no two of them apart", query.len()),
+                format!(
+                    "the query has {} usable points, no two of them apart",
+                    query.len()
+                ),
             )
         });
         let pose = best.ranked.first().map(|c| c.map_from_query);

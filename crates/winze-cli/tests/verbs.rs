@@ -1,0 +1,207 @@
+//! Every verb, end to end, as a user would type it.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test")]
+
+mod common;
+
+use common::{demo, locate, timeless, winze};
+
+#[test]
+fn the_demo_locates_its_query_and_shows_it() {
+    let folder = demo();
+    let said = std::fs::read_to_string(folder.join("said.txt")).unwrap();
+    for part in [
+        "verdict       located",
+        "describe map",
+        "refine by ICP",
+        "error",
+    ] {
+        assert!(said.contains(part), "{said}");
+    }
+    let json = std::fs::read_to_string(folder.join("outcome.json")).unwrap();
+    let outcome: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(outcome["verdict"], "located");
+    assert!(
+        outcome["error"]["translation_m"].as_f64().unwrap() < 0.05,
+        "{json}"
+    );
+    assert!(
+        outcome["error"]["rotation_deg"].as_f64().unwrap() < 0.5,
+        "{json}"
+    );
+    // Not computed, so null; never invented.
+    for field in ["confidence", "covariance"] {
+        assert!(outcome[field].is_null());
+    }
+    let png = std::fs::read(folder.join("before_and_after.png")).unwrap();
+    assert!(png.starts_with(b"\x89PNG") && png.len() > 50_000);
+    let page = std::fs::read_to_string(folder.join("report.html")).unwrap();
+    assert!(
+        page.contains("data:image/png;base64,") && !page.contains("http"),
+        "offline"
+    );
+}
+
+#[test]
+fn locate_from_the_files_gives_the_demo_s_answer() {
+    let (from_files, code) = locate(demo(), "map.pcd query.pcd --truth truth.txt");
+    assert_eq!(
+        (from_files["verdict"].as_str(), code),
+        (Some("located"), Some(0))
+    );
+    let json = std::fs::read_to_string(demo().join("outcome.json")).unwrap();
+    let in_memory: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(from_files["map_from_query"], in_memory["map_from_query"]);
+    assert_eq!(from_files["config_digest"], in_memory["config_digest"]);
+    assert!(
+        from_files["map"]["digest"]
+            .as_str()
+            .unwrap()
+            .starts_with("sha256:")
+    );
+}
+
+#[test]
+fn the_same_json_at_any_thread_count_for_every_method() {
+    for method in [
+        "auto",
+        "fpfh",
+        "fpfh+ndt",
+        "fpfh+icp",
+        "ndt+icp",
+        "fpfh+ndt+icp",
+    ] {
+        let run = |threads| {
+            let args = format!(
+                "map.pcd query.pcd --method {method} --initial truth.txt --seed 3 --threads {threads}"
+            );
+            timeless(locate(demo(), &args).0)
+        };
+        let one = run(1);
+        assert_eq!(one["method"], method);
+        assert_eq!(one, run(2), "{method} at 2 threads");
+        assert_eq!(one, run(8), "{method} at 8 threads");
+    }
+}
+
+#[test]
+fn a_query_from_other_rock_on_the_same_plan_is_not_located() {
+    let other = tempfile::tempdir().unwrap();
+    assert_eq!(
+        winze(other.path(), "demo --quiet --seed 1 --out .").code,
+        Some(0)
+    );
+    let query = other.path().join("query.pcd");
+    let (outcome, code) = locate(demo(), &format!("map.pcd {}", query.display()));
+    assert_ne!(outcome["verdict"], "located", "{}", outcome["reason"]);
+    assert_eq!(code, Some(1));
+    // The paper's metric would have believed it.
+    assert!(outcome["inlier_fraction"].as_f64().unwrap() > 0.9);
+}
+
+#[test]
+fn what_is_known_beforehand_speeds_up_and_rules_out() {
+    let (outcome, code) = locate(
+        demo(),
+        "map.pcd query.pcd --near 66,-1,4,15 --truth truth.txt",
+    );
+    assert_eq!(code, Some(0), "{}", outcome["reason"]);
+    let (outcome, code) = locate(demo(), "map.pcd query.pcd --near 5,0,1,6");
+    assert_eq!(code, Some(1), "{}", outcome["reason"]);
+    // The demo's query frame is not upright.
+    let (outcome, code) = locate(demo(), "map.pcd query.pcd --gravity-aligned");
+    assert_eq!(code, Some(1), "{}", outcome["reason"]);
+    winze(demo(), "convert aligned.pcd upright.ply");
+    let (outcome, code) = locate(demo(), "map.pcd upright.ply --gravity-aligned");
+    assert_eq!(code, Some(0), "{}", outcome["reason"]);
+}
+
+#[test]
+fn outputs_are_written_and_stdout_is_data() {
+    let out = tempfile::tempdir().unwrap();
+    let at = |name: &str| out.path().join(name).display().to_string();
+    let args = format!(
+        "locate map.pcd query.pcd --json {} --picture {} --report {} --save-aligned {}",
+        at("o.json"),
+        at("p.png"),
+        at("r.html"),
+        at("a.ply")
+    );
+    let run = winze(demo(), &args);
+    assert_eq!(run.code, Some(0));
+    assert!(
+        run.stdout.starts_with("verdict") && run.stderr.is_empty(),
+        "{}",
+        run.stderr
+    );
+    let mut names: Vec<_> = std::fs::read_dir(out.path())
+        .unwrap()
+        .map(|e| e.unwrap().file_name())
+        .collect();
+    names.sort();
+    assert_eq!(
+        names,
+        ["a.ply", "o.json", "p.png", "r.html"],
+        "and no temporary file"
+    );
+    // The aligned query lies in the map where it is.
+    let (outcome, _) = locate(demo(), &format!("map.pcd {} --method ndt+icp", at("a.ply")));
+    let m = &outcome["map_from_query"];
+    for i in 0..3 {
+        assert!(m[i][3].as_f64().unwrap().abs() < 0.05, "{m}");
+    }
+}
+
+#[test]
+fn convert_and_info_agree_about_a_cloud() {
+    let out = tempfile::tempdir().unwrap();
+    for (name, encoding) in [
+        ("c.pcd", "compressed"),
+        ("c.ply", "ascii"),
+        ("c.csv", "ascii"),
+    ] {
+        let path = out.path().join(name);
+        let run = winze(
+            demo(),
+            &format!("convert query.pcd {} --encoding {encoding}", path.display()),
+        );
+        assert_eq!(run.code, Some(0), "{}", run.stderr);
+        let facts = |path: &str| -> serde_json::Value {
+            serde_json::from_str(&winze(demo(), &format!("info --json {path}")).stdout).unwrap()
+        };
+        let (before, after) = (facts("query.pcd"), facts(&path.display().to_string()));
+        for field in ["points", "low", "high", "spacing"] {
+            assert_eq!(before[field], after[field], "{name}: {field}");
+        }
+    }
+    let table = winze(demo(), "info query.pcd map.pcd").stdout;
+    assert_eq!(table.matches("spacing").count(), 2, "{table}");
+}
+
+#[test]
+fn printed_settings_can_be_given_back() {
+    let out = tempfile::tempdir().unwrap();
+    let text = winze(out.path(), "config --set iss.gamma_21=0.9 --seed 5").stdout;
+    std::fs::write(out.path().join("w.toml"), &text).unwrap();
+    assert_eq!(winze(out.path(), "config --config w.toml").stdout, text);
+}
+
+#[test]
+fn help_for_shells_and_man() {
+    let here = std::env::current_dir().unwrap();
+    for shell in ["bash", "zsh", "fish"] {
+        assert!(
+            winze(&here, &format!("completions {shell}"))
+                .stdout
+                .contains("locate")
+        );
+    }
+    let man = winze(&here, "man").stdout;
+    assert!(
+        man.contains("winze-locate") && man.contains("gravity"),
+        "{man}"
+    );
+    assert_eq!(
+        winze(&here, "--version").stdout.trim(),
+        concat!("winze ", env!("CARGO_PKG_VERSION"))
+    );
+}

@@ -1,0 +1,160 @@
+//! A junction that looks alike under quarter turns: what is found, and what is said of it.
+//!
+//! Points sampled on the mesh of a tunnel world, with 2 cm noise, around its junction and along
+//! 25 m of tunnel, in arbitrary frames, sought in a SLAM map of the same world. Prints the table of
+//! `docs/junction.md`. Needs the clouds of `WINZE_DATA`.
+//!
+//! ```sh
+//! cargo run --release --example study_junction
+//! ```
+#![expect(clippy::print_stdout, reason = "it is what an example does")]
+
+mod common;
+
+use common::{Result, data, folder_exists, random_frame, read, truth};
+use winze::rng::Rng;
+use winze::{Cloud, Config, Pose, Verdict};
+
+/// The junction's middle in the world.
+const JUNCTION: [f64; 2] = [40.0, 0.0];
+
+fn main() -> Result<()> {
+    folder_exists("gazebo_tunnel")?;
+    let map = read("gazebo_tunnel/slam_map.pcd")?;
+    let world_from_map = truth("gazebo_tunnel/T_world_map.txt")?;
+    let world = mesh(&data().join("gazebo_tunnel/world.ply"))?;
+    println!(
+        "query: the junction and | runs | located | of these wrong | ambiguous | other | best pose right | right place among those weighed"
+    );
+    println!("---|---|---|---|---|---|---|---");
+    type Region = (&'static str, fn(f64, f64) -> bool);
+    let regions: [Region; 5] = [
+        ("25 m of the north arm, 10 m of the others", |x, y| {
+            x.abs() < 10.0 && y > -8.0 && y < 25.0
+        }),
+        ("25 m of the east arm (mapped for 20 m)", |x, y| {
+            y.abs() < 10.0 && x > -8.0 && x < 25.0
+        }),
+        ("25 m of the south arm (mapped for 18 m)", |x, y| {
+            x.abs() < 10.0 && y < 8.0 && y > -25.0
+        }),
+        ("25 m of the west arm (mapped for 20 m)", |x, y| {
+            y.abs() < 10.0 && x < 8.0 && x > -25.0
+        }),
+        ("12.5 m of every arm", |x, y| x.hypot(y) < 12.5),
+    ];
+    for (name, inside) in regions {
+        let mut counts = [0usize; 6];
+        for seed in 0..10 {
+            let points = sample(&world, seed, |p| {
+                inside(p[0] - JUNCTION[0], p[1] - JUNCTION[1])
+            });
+            let frame = random_frame(seed);
+            let query: Vec<[f64; 3]> = points.iter().map(|p| frame.transform(*p)).collect();
+            let (query, _) = Cloud::from_points(&query)?;
+            let map_from_query = world_from_map.inverse().compose(&frame.inverse());
+            let config = Config {
+                seed,
+                ..Config::default()
+            };
+            let outcome = winze::locate(&map, &query, &config)?;
+            let centroid = query.centroid().unwrap_or_default();
+            let right = |pose: &Pose| {
+                let d = pose.distance(&map_from_query, centroid);
+                d.translation < 0.5 && d.rotation < 5f64.to_radians()
+            };
+            let best = outcome.map_from_query.is_some_and(|p| right(&p));
+            let located = outcome.verdict == Verdict::Located;
+            counts[0] += usize::from(located);
+            counts[1] += usize::from(located && !best);
+            counts[2] += usize::from(outcome.verdict == Verdict::Ambiguous);
+            counts[3] += usize::from(!located && outcome.verdict != Verdict::Ambiguous);
+            counts[4] += usize::from(best);
+            counts[5] += usize::from(outcome.hypotheses.iter().any(|h| right(&h.map_from_query)));
+        }
+        let cells: Vec<String> = counts.iter().map(ToString::to_string).collect();
+        println!("{name} | 10 | {}", cells.join(" | "));
+    }
+    Ok(())
+}
+
+/// Triangles of the mesh. (A reader of meshes belongs to the simulator; this one knows the one file.)
+fn mesh(path: &std::path::Path) -> Result<Vec<[[f64; 3]; 3]>> {
+    let bytes = std::fs::read(path)?;
+    let marker = b"end_header\n";
+    let start = bytes
+        .windows(marker.len())
+        .position(|w| w == marker)
+        .ok_or("no header")?
+        + marker.len();
+    let header = String::from_utf8_lossy(&bytes[..start]).into_owned();
+    let count = |element: &str| -> Result<usize> {
+        let line = header
+            .lines()
+            .find_map(|l| l.strip_prefix(&format!("element {element} ")))
+            .ok_or("no element")?;
+        Ok(line.trim().parse()?)
+    };
+    let (vertices, faces) = (count("vertex")?, count("face")?);
+    let float = |at: usize| -> Result<f64> {
+        let b: [u8; 4] = bytes.get(at..at + 4).ok_or("file cut short")?.try_into()?;
+        Ok(f64::from(f32::from_le_bytes(b)))
+    };
+    let vertex = |i: usize| -> Result<[f64; 3]> {
+        Ok([
+            float(start + 12 * i)?,
+            float(start + 12 * i + 4)?,
+            float(start + 12 * i + 8)?,
+        ])
+    };
+    let first_face = start + 12 * vertices;
+    (0..faces)
+        .map(|f| {
+            let at = first_face + 13 * f;
+            let corner = |k: usize| -> Result<[f64; 3]> {
+                let b: [u8; 4] = bytes
+                    .get(at + 1 + 4 * k..at + 5 + 4 * k)
+                    .ok_or("file cut short")?
+                    .try_into()?;
+                vertex(u32::from_le_bytes(b) as usize)
+            };
+            Ok([corner(0)?, corner(1)?, corner(2)?])
+        })
+        .collect()
+}
+
+/// About 120 points a square metre on the triangles, 2 cm noise, those inside the region.
+fn sample(
+    triangles: &[[[f64; 3]; 3]],
+    seed: u64,
+    inside: impl Fn([f64; 3]) -> bool,
+) -> Vec<[f64; 3]> {
+    let mut rng = Rng::new(seed, 11);
+    let mut out = Vec::new();
+    let mut owed = 0.0;
+    for [a, b, c] in triangles {
+        let (u, v): ([f64; 3], [f64; 3]) = (
+            std::array::from_fn(|i| b[i] - a[i]),
+            std::array::from_fn(|i| c[i] - a[i]),
+        );
+        let n = [
+            u[1] * v[2] - u[2] * v[1],
+            u[2] * v[0] - u[0] * v[2],
+            u[0] * v[1] - u[1] * v[0],
+        ];
+        owed += 120.0 * 0.5 * (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+        while owed >= 1.0 {
+            owed -= 1.0;
+            let (mut s, mut t) = (rng.uniform(), rng.uniform());
+            if s + t > 1.0 {
+                (s, t) = (1.0 - s, 1.0 - t);
+            }
+            let p: [f64; 3] =
+                std::array::from_fn(|i| a[i] + s * u[i] + t * v[i] + 0.02 * rng.normal());
+            if inside(p) {
+                out.push(p);
+            }
+        }
+    }
+    out
+}

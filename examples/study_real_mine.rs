@@ -1,0 +1,158 @@
+//! A mine drift mapped twice, three weeks apart: every method over seeds, frames and halves.
+//!
+//! Prints the table of `docs/real-mine.md`. Needs the clouds of `WINZE_DATA`.
+//!
+//! ```sh
+//! cargo run --release --example study_real_mine
+//! ```
+#![expect(clippy::print_stdout, reason = "it is what an example does")]
+
+mod common;
+
+use std::time::Instant;
+
+use common::{Result, Tally, folder_exists, part, random_frame, read, truth};
+use winze::{Cloud, Config, Method, Pose, Request, Verdict};
+
+const MAP: &str = "jinchuan/map_2025-05-13.pcd";
+const QUERY: &str = "jinchuan/query_2025-04-21.pcd";
+
+fn main() -> Result<()> {
+    folder_exists("jinchuan")?;
+    let query = read(QUERY)?;
+    let truth = truth("jinchuan/T_map_query.txt")?;
+    let halves = halves(&query, &truth);
+
+    let still: Vec<Case> = (0..10)
+        .map(|seed| Case::new(&query, &truth, Pose::identity(), seed))
+        .collect();
+    let moved: Vec<Case> = (0..20)
+        .map(|f| Case::new(&query, &truth, random_frame(f), f))
+        .collect();
+    let cut = |half: &Cloud| -> Vec<Case> {
+        (0..10)
+            .map(|f| Case::new(half, &truth, random_frame(100 + f), f))
+            .collect()
+    };
+    let sets = [
+        ("as it is, seeds 0 to 9", still),
+        ("in 20 random frames", moved),
+        ("its one half, in 10 random frames", cut(&halves[0])),
+        ("its other half, in 10 random frames", cut(&halves[1])),
+    ];
+    for (name, cases) in &sets {
+        println!(
+            "\n### The query {name}\n\nmethod | {}\n---|{}",
+            Tally::HEAD,
+            Tally::RULE
+        );
+        for method in Method::ALL {
+            println!("{method} | {}", run(cases, method, false)?.row());
+        }
+        println!(
+            "ndt+icp from 0.5 m and 5° off | {}",
+            run(cases, Method::NdtIcp, true)?.row()
+        );
+    }
+    println!(
+        "\n### Where it does not belong: in gazebo_tunnel/slam_map.pcd\n\nmethod | runs | located | other verdicts"
+    );
+    println!("---|---|---|---");
+    let tunnel = read("gazebo_tunnel/slam_map.pcd")?;
+    for method in Method::ALL {
+        let mut verdicts = Vec::new();
+        for seed in 0..10 {
+            let config = Config {
+                seed,
+                ..Config::default()
+            };
+            let request = Request {
+                method,
+                ..Request::default()
+            };
+            verdicts.push(winze::locate_by(&tunnel, &query, &config, &request)?.verdict);
+        }
+        let located = verdicts.iter().filter(|v| **v == Verdict::Located).count();
+        let mut others: Vec<String> = verdicts
+            .iter()
+            .filter(|v| **v != Verdict::Located)
+            .map(ToString::to_string)
+            .collect();
+        others.sort();
+        others.dedup();
+        println!(
+            "{method} | {} | {located} | {}",
+            verdicts.len(),
+            others.join(", ")
+        );
+    }
+    Ok(())
+}
+
+struct Case {
+    query: Cloud,
+    truth: Pose,
+    seed: u64,
+}
+
+impl Case {
+    fn new(query: &Cloud, truth: &Pose, frame: Pose, seed: u64) -> Self {
+        Self {
+            query: query.transformed(&frame).unwrap_or_default(),
+            truth: truth.compose(&frame.inverse()),
+            seed,
+        }
+    }
+}
+
+/// Runs `method` on all cases. Seconds are from opening both files to the answer.
+fn run(cases: &[Case], method: Method, near_start: bool) -> Result<Tally> {
+    let mut tally = Tally::default();
+    for case in cases {
+        let begun = Instant::now();
+        let map = read(MAP)?;
+        read(QUERY)?;
+        let config = Config {
+            seed: case.seed,
+            ..Config::default()
+        };
+        let initial = near_start.then(|| off(&case.truth, &case.query, case.seed));
+        let request = Request {
+            method,
+            initial,
+            ..Request::default()
+        };
+        let outcome = winze::locate_by(&map, &case.query, &config, &request)?;
+        tally.add(
+            &outcome,
+            &case.truth,
+            &case.query,
+            begun.elapsed().as_secs_f64(),
+        );
+    }
+    Ok(tally)
+}
+
+/// The truth moved by 0.5 m and turned by 5° in seeded directions.
+fn off(truth: &Pose, query: &Cloud, seed: u64) -> Pose {
+    let mut rng = winze::rng::Rng::new(seed, 3);
+    let (move_by, turn) = (
+        rng.direction().map(|v| 0.5 * v),
+        rng.direction().map(|v| v * 5f64.to_radians()),
+    );
+    truth.perturbed(
+        move_by,
+        turn,
+        truth.transform(query.centroid().unwrap_or_default()),
+    )
+}
+
+/// Both halves along the drift, which runs along the map's x there.
+fn halves(query: &Cloud, truth: &Pose) -> [Cloud; 2] {
+    let along: Vec<f64> = query.iter().map(|p| truth.transform(p)[0]).collect();
+    let middle = common::quantile(&along, 0.5);
+    [
+        part(query, |p| truth.transform(p)[0] < middle),
+        part(query, |p| truth.transform(p)[0] >= middle),
+    ]
+}
