@@ -12,7 +12,7 @@ mod common;
 use std::time::Instant;
 
 use common::{Result, folder_exists, quantile, read, truth};
-use winze::config::{Config, IcpConfig, IcpMetric, Length, NdtForm};
+use winze::config::{Config, IcpConfig, IcpMetric, Length, NdtForm, PrepareConfig};
 use winze::prepare::{Surface, prepare};
 use winze::rng::Rng;
 use winze::{Cloud, Pose, icp, ndt, scale};
@@ -47,6 +47,12 @@ fn study(name: &str, map: &Cloud, query: &Cloud, truth: &Pose) -> Result<()> {
     let measure = |c| scale::measure(c).ok_or("nothing to measure");
     let voxel = scale::voxel_for(&measure(map)?, &measure(query)?);
     let centroid = query.centroid().unwrap_or_default();
+    // What becomes of it where a ball that holds one LiDAR ring still gives a normal.
+    let ball = PrepareConfig {
+        normal_least: 0,
+        ..config.prepare.clone()
+    };
+    let ball = prepare(map, &ball, voxel);
     let (map, query) = (
         prepare(map, &config.prepare, voxel),
         prepare(query, &config.prepare, voxel),
@@ -64,7 +70,7 @@ fn study(name: &str, map: &Cloud, query: &Cloud, truth: &Pose) -> Result<()> {
     };
     let (plane, point) = (wide(IcpMetric::PointToPlane), wide(IcpMetric::PointToPoint));
     type Refiner<'a> = Box<dyn Fn(&Surface, &Surface, &Pose) -> Pose + 'a>;
-    let refiners: [(&str, Refiner<'_>); 5] = [
+    let refiners: [(&str, Refiner<'_>); 6] = [
         (
             "ICP point-to-plane",
             Box::new(|m, q, s| icp::align(m, q, s, &plane).map_from_query),
@@ -87,6 +93,10 @@ fn study(name: &str, map: &Cloud, query: &Cloud, truth: &Pose) -> Result<()> {
         (
             "NDT, the paper's plain form",
             Box::new(|m, q, s| ndt::align(&levels, m, q, s, &plain).map_from_query),
+        ),
+        (
+            "ICP point-to-plane, `prepare.normal_least = 0`",
+            Box::new(|_, q, s| icp::align(&ball, q, s, &plane).map_from_query),
         ),
     ];
     for (refiner, align) in &refiners {

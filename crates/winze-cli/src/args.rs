@@ -26,6 +26,7 @@ pub(crate) struct Args {
 }
 
 #[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Everywhere")]
 pub(crate) struct Global {
     /// Say nothing but errors, show no progress.
     #[arg(long, short, global = true, conflicts_with = "verbose")]
