@@ -18,7 +18,7 @@ use winze_io::{ReadOptions, read_cloud};
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);
     let (Some(map), Some(query)) = (args.next(), args.next()) else {
-        return Err("usage: own_pipeline MAP QUERY".into());
+        return Err("usage: own_pipeline MAP QUERY [--upright]".into());
     };
     let map = read_cloud(Path::new(&map), &ReadOptions::default())?.cloud;
     let query = read_cloud(Path::new(&query), &ReadOptions::default())?.cloud;
@@ -27,6 +27,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let measure = |c| scale::measure(c).ok_or("a cloud has no two points apart");
     let voxel = scale::voxel_for(&measure(&map)?, &measure(&query)?);
     let mut config = Config::default();
+    // As an example of a choice: matches that another keypoint rivals are left out.
     config.matching.ratio = 0.97;
 
     let (map, query) = (
@@ -72,6 +73,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     );
 
     let levels = ndt::levels(&map, &config.ndt);
+    // ICP ends on the nearest pairs alone, here on those within a voxel.
     let fine = IcpConfig {
         metric: IcpMetric::PointToPlane,
         final_distance: Length::Voxels(1.0),
@@ -91,12 +93,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             verify::Candidate {
                 map_from_query: refined.map_from_query,
                 fit: verify::fit(&map, &query, &refined.map_from_query, &config.verify),
+                stop: Some(refined.stop),
             }
         })
         .collect();
     let ranked = verify::rank(candidates, &query, &config.verify, voxel);
-    let (verdict, reason, _) = verify::judge(&ranked, &map, &query, &config.verify);
-    println!("{verdict}: {reason}");
+    let judged = verify::judge(&ranked, &map, &query, &config.verify);
+    println!("{}: {}", judged.verdict, judged.reason);
     if let Some(best) = ranked.first() {
         println!("{:?}", best.map_from_query.to_matrix());
     }

@@ -82,7 +82,7 @@ pub(crate) struct Locate {
     pub(crate) map: PathBuf,
     /// The query: a cloud in a frame of its own.
     pub(crate) query: PathBuf,
-    /// auto, or one of the seed paper's five: fpfh, fpfh+ndt, fpfh+icp, ndt+icp, fpfh+ndt+icp.
+    /// auto, or one of the paper's five: fpfh, fpfh+ndt, fpfh+icp, ndt+icp, fpfh+ndt+icp.
     #[arg(long, short, default_value_t = Method::Auto, value_name = "NAME")]
     pub(crate) method: Method,
     /// Both clouds have z up to within a few degrees.

@@ -2,7 +2,9 @@
 
 use serde::Serialize;
 use winze::degeneracy::Unobservable;
+use winze::icp::Information;
 use winze::outcome::Stage;
+use winze::refine::StopReason;
 use winze::{Outcome, Pose, PoseDistance, Verdict};
 
 /// Where a cloud came from.
@@ -24,6 +26,7 @@ struct HypothesisRow {
     median_point_to_plane: Option<f64>,
     inlier_fraction: f64,
     overlap: f64,
+    stop: Option<StopReason>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -43,6 +46,7 @@ pub struct Document {
     covariance: Option<[[f64; 6]; 6]>,
     covariance_at: Option<[f64; 3]>,
     unobservable: Option<Vec<Unobservable>>,
+    information: Option<Information>,
     hypotheses: Vec<HypothesisRow>,
     inlier_fraction: Option<f64>,
     inlier_rmse: Option<f64>,
@@ -78,6 +82,7 @@ impl Document {
             covariance: outcome.covariance,
             covariance_at: outcome.covariance_at,
             unobservable: outcome.unobservable.clone(),
+            information: outcome.information,
             hypotheses: outcome
                 .hypotheses
                 .iter()
@@ -87,6 +92,7 @@ impl Document {
                     median_point_to_plane: h.median_point_to_plane,
                     inlier_fraction: h.inlier_fraction,
                     overlap: h.overlap,
+                    stop: h.stop,
                 })
                 .collect(),
             inlier_fraction: outcome.inlier_fraction,

@@ -35,12 +35,15 @@ pub fn summary(outcome: &Outcome, error: Option<&PoseDistance>) -> String {
             );
         }
     }
-    if let (Some(fraction), Some(rmse)) = (outcome.inlier_fraction, outcome.inlier_rmse) {
+    if let Some(fraction) = outcome.inlier_fraction {
         let text = format!(
-            "{:.2} % of the query within {} m of the {}, RMSE {rmse:.4} m",
+            "{:.2} % of the query within {} m of the {}{}",
             100.0 * fraction,
             outcome.inlier_distance,
-            outcome.inlier_reference
+            outcome.inlier_reference,
+            outcome
+                .inlier_rmse
+                .map_or_else(String::new, |rmse| format!(", RMSE {rmse:.4} m"))
         );
         line("inliers", &text);
     }

@@ -40,7 +40,12 @@ pub fn statistical(
     }
     let mean_distance = parallel::map_with(points.len(), Vec::new, |found, i| {
         // One more than asked: the point finds itself.
-        tree.knn(points[i], neighbours + 1, f32::INFINITY, found);
+        tree.knn(
+            points[i],
+            neighbours.saturating_add(1),
+            f32::INFINITY,
+            found,
+        );
         let mut sum = 0.0f64;
         let mut count = 0.0f64;
         let mut own = false;
@@ -80,7 +85,7 @@ pub fn radius(points: &[[f32; 3]], tree: &KdTree, radius: f64, min_neighbours: u
     let radius = radius as f32;
     let others = parallel::map_with(points.len(), Vec::new, |found, i| {
         // The nearest few decide; there is no need to count a crowd.
-        tree.knn(points[i], min_neighbours + 1, radius, found);
+        tree.knn(points[i], min_neighbours.saturating_add(1), radius, found);
         found.len().saturating_sub(1)
     });
     keep(&others, |count| *count >= min_neighbours)

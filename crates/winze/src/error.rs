@@ -46,10 +46,26 @@ pub enum Error {
     },
 
     /// The prior map holds nothing to locate a query in.
-    #[error("distinct points in the map: {points}, too few to locate anything in; check its file")]
+    #[error("usable points in the map: {points}, too few to locate anything in; check its file")]
     EmptyMap {
-        /// Distinct points left after preparation.
+        /// Finite points, or 1 where they all coincide.
         points: usize,
+    },
+
+    /// The search region holds nothing of the map.
+    #[error(
+        "no point of the map lies where the query could be if its middle is within {radius_m} m of \
+         ({x}, {y}, {z}); give the region in the map's frame, in metres"
+    )]
+    EmptyRegion {
+        /// Centre of the region, map frame, metres.
+        x: f64,
+        /// As `x`.
+        y: f64,
+        /// As `x`.
+        z: f64,
+        /// Its radius, metres.
+        radius_m: f64,
     },
 
     /// A matrix that should be a rigid transform is not.

@@ -92,10 +92,13 @@ pub fn descriptors(
         .par_iter()
         .zip(&near)
         .map(|(&k, list)| {
-            let own = &spfh[slot[k as usize] as usize];
             if normals[k as usize] == [0.0; 3] {
                 return [0.0; DIMENSIONS];
             }
+            // A point that is not even its own neighbour has no number for a place.
+            let Some(own) = spfh.get(slot[k as usize] as usize) else {
+                return [0.0; DIMENSIONS];
+            };
             let others = list
                 .iter()
                 .filter(|n| n.index != k && normals[n.index as usize] != [0.0; 3])
@@ -378,9 +381,8 @@ mod tests {
             pair_angles([0.0; 3], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [s, 0.0, s]).unwrap();
         assert!((alpha - 0.5).abs() < 1e-6);
         assert!((phi - (1.0 - s) * 0.5).abs() < 1e-6);
-        assert!(
-            ((theta - 0.5) * 2.0 * std::f32::consts::PI).abs() - std::f32::consts::FRAC_PI_4 < 1e-5
-        );
+        let angle = ((theta - 0.5) * 2.0 * std::f32::consts::PI).abs();
+        assert!((angle - std::f32::consts::FRAC_PI_4).abs() < 1e-5);
         // No frame where the line runs along the normal, or without a line.
         assert!(pair_angles([0.0; 3], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]).is_none());
         assert!(pair_angles([0.0; 3], [1.0, 0.0, 0.0], [0.0; 3], [1.0, 0.0, 0.0]).is_none());

@@ -4,7 +4,8 @@
 //! Each iteration pairs every query point with its nearest map point within a distance that shrinks
 //! from generous to tight, weighs the pairs by a robust kernel and steps to the least-squares
 //! pose: in closed form for point-to-point, one Gauss-Newton step for point-to-plane.
-//! Directions that the pairs say nothing about (along a bare tunnel) are left where they were.
+//! Directions that the pairs say nothing at all about are left where they were; in those that they say
+//! little about (along a bare tunnel) noise decides, and [`degeneracy`](crate::degeneracy) tells.
 
 use crate::config::{IcpConfig, IcpMetric, Kernel};
 use crate::fit::fit_rigid;
@@ -75,6 +76,7 @@ pub fn align(map: &Surface, query: &Surface, start: &Pose, config: &IcpConfig) -
         }
     }
     refined.map_from_query = pose.from_between_origins(map.origin, query.origin);
+    refined.information = information(map, query, &refined.map_from_query, last, config.max_points);
     refined
 }
 
@@ -120,7 +122,8 @@ pub fn information(
 }
 
 /// What a point-to-plane fit says about the pose, see [`information`].
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize))]
 pub struct Information {
     /// `Σ JᵀJ`, ordered δt, δθ: counts, m, m².
     pub matrix: [[f64; 6]; 6],

@@ -1,10 +1,10 @@
 //! Intrinsic shape signatures: keypoints where the surface varies in all three directions
-//! (Zhong 2009; the seed paper's equation 1).
+//! (Zhong 2009; the paper's equation 1).
 //!
 //! For each point the scatter of its neighbours within the salient radius has eigenvalues
 //! λ1 ≥ λ2 ≥ λ3. A point qualifies where λ3 exceeds a threshold (there is relief) and
 //! λ2/λ1 < γ21 and λ3/λ2 < γ32 (no two directions are alike, so that a frame could be fixed). The
-//! seed paper prints the ratios with eigenvalues in ascending order, which contradicts its own
+//! paper prints the ratios with eigenvalues in ascending order, which contradicts its own
 //! words, "to exclude points with two similar eigenvalues"; the words are the original method,
 //! PCL's and Open3D's, and ours.
 //!
@@ -56,14 +56,18 @@ pub fn keypoints(points: &[[f32; 3]], tree: &KdTree, config: &IssConfig, voxel: 
     rank(&mut ranked, &saliency);
     chosen.take(&ranked, config.max_keypoints);
     let qualified = chosen.indices.len();
-    if qualified < config.min_keypoints {
+    let budget = match config.max_keypoints {
+        0 => config.min_keypoints,
+        most => config.min_keypoints.min(most),
+    };
+    if qualified < budget {
         let mut rest: Vec<u32> = (0u32..)
             .zip(&saliency)
             .filter(|(_, s)| !s.qualifies && s.value > 0.0)
             .map(|(i, _)| i)
             .collect();
         rank(&mut rest, &saliency);
-        chosen.take(&rest, config.min_keypoints);
+        chosen.take(&rest, budget);
     }
     let mut indices = chosen.indices;
     indices.sort_unstable();

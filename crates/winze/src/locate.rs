@@ -9,7 +9,7 @@
 use std::time::Instant;
 
 use crate::cloud::Cloud;
-use crate::config::{Config, IcpConfig, IcpMetric};
+use crate::config::{Config, IcpConfig, IcpMetric, Length, VerifyConfig};
 use crate::denoise::within_range;
 use crate::error::{Error, Result};
 use crate::features::{Features, describe};
@@ -20,7 +20,8 @@ use crate::ndt::NdtCells;
 use crate::outcome::{Outcome, RankedHypothesis, Stage, Verdict};
 use crate::pose::Pose;
 use crate::prepare::{Surface, limit_range, prepare};
-use crate::verify::{Candidate, fit, judge, rank};
+use crate::refine::{Refined, StopReason};
+use crate::verify::{Candidate, Judgement, fit, judge, judge_against, rank, same_place};
 use crate::{icp, metrics, ndt, ransac, scale};
 
 /// Told of each stage by name, as it begins (with `None`) and as it ends.
@@ -33,9 +34,10 @@ pub struct Request<'a> {
     pub method: Method,
     /// Where `ndt+icp` starts; the identity where there is none.
     pub initial: Option<Pose>,
-    /// Both clouds have z up to within [`GRAVITY_TOLERANCE`]: poses that tilt more are not pursued.
+    /// Both clouds have z up: poses that tilt by more than [`GRAVITY_TOLERANCE`] are refused.
     pub gravity_aligned: bool,
-    /// The query's centroid is known to lie in this ball of the map.
+    /// The query's centroid is known to lie in this ball of the map: poses that put it elsewhere are
+    /// refused, and the map is not looked at where the query cannot reach.
     pub near: Option<Near>,
     /// Who wants to follow.
     pub progress: Option<&'a Progress<'a>>,
@@ -43,6 +45,9 @@ pub struct Request<'a> {
 
 /// How far from upright a gravity-aligned pose may tilt, radians (10°).
 pub const GRAVITY_TOLERANCE: f64 = 0.174_532_925;
+
+/// Points that a map must have, before and after preparation.
+const MIN_MAP_POINTS: usize = 100;
 
 /// A ball in the map's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -89,7 +94,7 @@ impl Request<'_> {
 ///
 /// # Errors
 /// [`Error::Config`] for a value outside its domain, [`Error::EmptyMap`] for a map without usable
-/// points. A query that cannot be found is no error but a [`Verdict`].
+/// points, [`Error::EmptyRegion`] where none of them lies near the region asked for. A query that cannot be found is no error but a [`Verdict`].
 pub fn locate(map: &Cloud, query: &Cloud, config: &Config) -> Result<Outcome> {
     locate_by(map, query, config, &Request::default())
 }
@@ -111,18 +116,29 @@ pub fn locate_by(
         begun: Instant::now(),
         stages: Vec::new(),
     };
+    if map.len() < MIN_MAP_POINTS {
+        return Err(Error::EmptyMap { points: map.len() });
+    }
     let limited = limit_range(query, &config.prepare);
     let cropped = request.near.map(|near| near.crop(map, &limited));
     let (whole_map, map) = (map, cropped.as_ref().unwrap_or(map));
-    let sizes = run.stage("measure scale", map.len() + query.len(), || {
-        let sizes = sizes(map, &limited, config, request.method);
-        let n = sizes.as_ref().map_or(0, Vec::len);
-        (sizes, n)
-    })?;
+    let sizes = run
+        .stage("measure scale", map.len() + query.len(), || {
+            let sizes = sizes(map, &limited, config, request.method);
+            let n = sizes.as_ref().map_or(0, Vec::len);
+            (sizes, n)
+        })
+        .ok_or_else(|| nothing_in(request.near))?;
     let mut best: Option<Attempt> = None;
-    for voxel in sizes {
-        let attempt = run.attempt(map, &limited, voxel)?;
-        let settled = attempt.verdict != Verdict::NotFound;
+    for &voxel in &sizes {
+        // A coarser voxel than the first must not make the judge more lenient.
+        let strictest = sizes.first().copied().unwrap_or(voxel).min(voxel);
+        let verify = VerifyConfig {
+            fine_tolerance: Length::Metres(config.verify.fine_tolerance.metres(strictest)),
+            ..config.verify.clone()
+        };
+        let attempt = run.attempt(map, &limited, voxel, &verify);
+        let settled = attempt.is_settled();
         if best.as_ref().is_none_or(|b| attempt.better_than(b)) {
             best = Some(attempt);
         }
@@ -130,50 +146,86 @@ pub fn locate_by(
             break;
         }
     }
+    let best = best.unwrap_or_else(|| {
+        let reason = format!(
+            "the query has {} usable points{}, no two of them apart",
+            limited.len(),
+            if limited.len() < query.len() {
+                " within the range limits"
+            } else {
+                ""
+            }
+        );
+        Attempt::without_pose(0.0, Verdict::Insufficient, reason)
+    });
     Ok(run.outcome(whole_map, query, best))
 }
 
+/// What is wrong with a map of which nothing is left to measure.
+fn nothing_in(near: Option<Near>) -> Error {
+    near.map_or(Error::EmptyMap { points: 1 }, |near| Error::EmptyRegion {
+        x: near.centre[0],
+        y: near.centre[1],
+        z: near.centre[2],
+        radius_m: near.radius,
+    })
+}
+
 /// Voxel sizes to try: the one that was set, else those that the data suggest. Only `auto` tries
-/// more than one. Empty where the query has no two distinct points.
-fn sizes(map: &Cloud, query: &Cloud, config: &Config, method: Method) -> Result<Vec<f64>> {
-    if config.scale.voxel > 0.0 {
-        return Ok(vec![config.scale.voxel]);
+/// more than one. Empty where the query has no two distinct points, `None` where the map has none.
+fn sizes(map: &Cloud, query: &Cloud, config: &Config, method: Method) -> Option<Vec<f64>> {
+    if map.is_empty() {
+        return None;
     }
-    let map_measure = scale::measure(map).ok_or(Error::EmptyMap {
-        points: map.len().min(1),
-    })?;
+    if config.scale.voxel > 0.0 {
+        return Some(vec![config.scale.voxel]);
+    }
+    let map_measure = scale::measure(map)?;
     let tries = if method == Method::Auto {
         config.scale.tries
     } else {
         1
     };
-    Ok(scale::measure(query).map_or_else(Vec::new, |m| scale::candidates(&map_measure, &m, tries)))
+    Some(
+        scale::measure(query).map_or_else(Vec::new, |m| scale::candidates(&map_measure, &m, tries)),
+    )
 }
 
 /// What one voxel size gave.
 struct Attempt {
     voxel: f64,
-    verdict: Verdict,
-    reason: String,
-    unobservable: Option<Vec<crate::degeneracy::Unobservable>>,
+    judgement: Judgement,
     ranked: Vec<Candidate>,
 }
 
 impl Attempt {
-    fn insufficient(voxel: f64, reason: String) -> Self {
+    fn without_pose(voxel: f64, verdict: Verdict, reason: String) -> Self {
         Self {
             voxel,
-            verdict: Verdict::Insufficient,
-            reason,
-            unobservable: None,
+            judgement: Judgement {
+                verdict,
+                reason,
+                unobservable: None,
+                information: None,
+            },
             ranked: Vec::new(),
         }
     }
 
+    /// There is no need to look at another scale.
+    fn is_settled(&self) -> bool {
+        !matches!(
+            self.judgement.verdict,
+            Verdict::NotFound | Verdict::Insufficient
+        )
+    }
+
     fn better_than(&self, other: &Self) -> bool {
         let key = |a: &Self| {
-            let settled = a.verdict != Verdict::NotFound && a.verdict != Verdict::Insufficient;
-            (settled, a.ranked.first().map_or(-1.0, |c| c.fit.fitness))
+            (
+                a.is_settled(),
+                a.ranked.first().map_or(-1.0, |c| c.fit.fitness),
+            )
         };
         key(self) > key(other)
     }
@@ -187,47 +239,109 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    fn attempt(&mut self, map: &Cloud, query: &Cloud, voxel: f64) -> Result<Attempt> {
-        let config = self.config;
+    fn attempt(
+        &mut self,
+        map: &Cloud,
+        query: &Cloud,
+        voxel: f64,
+        verify: &VerifyConfig,
+    ) -> Attempt {
+        let (config, request) = (self.config, self.request);
         let surface = |c: &Cloud| {
             let s = prepare(c, &config.prepare, voxel);
             let n = s.points.len();
             (s, n)
         };
-        let map = self.stage("prepare map", map.len(), || surface(map));
-        if map.points.len() < config.verify.min_points {
-            return Err(Error::EmptyMap {
-                points: map.points.len(),
-            });
-        }
         let query = self.stage("prepare query", query.len(), || surface(query));
-        let with_normal = query.normals.iter().filter(|n| **n != [0.0; 3]).count();
-        if with_normal < config.verify.min_points {
-            let reason = format!(
-                "{with_normal} of the query's points are left with a surface normal at a voxel size of {voxel:.3} m; at least {} are needed",
-                config.verify.min_points
-            );
-            return Ok(Attempt::insufficient(voxel, reason));
+        let map = self.stage("prepare map", map.len(), || surface(map));
+        // A query too poor to look for is refused before the map is searched.
+        let early = judge(&[], &map, &query, verify);
+        if early.verdict == Verdict::Insufficient {
+            return Attempt::without_pose(voxel, early.verdict, early.reason);
         }
-        let starts = if self.request.method.uses_features() {
+        if map.points.len() < MIN_MAP_POINTS {
+            let reason = format!(
+                "the map has {} points at a voxel size of {voxel:.3} m, too few to compare with",
+                map.points.len()
+            );
+            return Attempt::without_pose(voxel, Verdict::NotFound, reason);
+        }
+        let starts = if request.method.uses_features() {
             self.hypotheses(&map, &query, voxel)
         } else {
-            vec![self.request.initial.unwrap_or_default()]
+            vec![request.initial.unwrap_or_default()]
         };
-        let candidates = self.refine(&map, &query, &starts);
-        let (ranked, (verdict, reason, unobservable)) =
-            self.stage("verify", candidates.len(), || {
-                let ranked = rank(candidates, &query, &config.verify, voxel);
-                let judged = judge(&ranked, &map, &query, &config.verify);
+        let mut candidates = self.refine(&map, &query, &starts, verify);
+        let found = candidates.len();
+        // Refinement may have led a pose away from what is known beforehand.
+        let centroid = query.centroid().unwrap_or_default();
+        candidates.retain(|c| request.plausible(&c.map_from_query, centroid));
+        if found > 0 && candidates.is_empty() {
+            let reason = "no pose found agrees with the region or the attitude asked for".into();
+            return Attempt::without_pose(voxel, Verdict::NotFound, reason);
+        }
+        let (ranked, judgement) = match candidates[..] {
+            [lead, _, ..] if request.method != Method::Auto => {
+                self.weigh_rivals(&map, &query, lead, &candidates, verify)
+            }
+            _ => self.stage("verify", candidates.len(), || {
+                let ranked = rank(candidates, &query, verify, voxel);
+                let judgement = judge(&ranked, &map, &query, verify);
                 let n = ranked.len();
-                ((ranked, judged), n)
-            });
-        Ok(Attempt {
+                ((ranked, judgement), n)
+            }),
+        };
+        Attempt {
             voxel,
-            verdict,
-            reason,
-            unobservable,
+            judgement,
             ranked,
+        }
+    }
+
+    /// The paper's methods answer with the pose that most correspondences support, as it leaves their
+    /// last stage. Whether its place has rivals is asked of all candidates refined alike.
+    fn weigh_rivals(
+        &mut self,
+        map: &Surface,
+        query: &Surface,
+        lead: Candidate,
+        candidates: &[Candidate],
+        verify: &VerifyConfig,
+    ) -> (Vec<Candidate>, Judgement) {
+        let icp_config = point_to_plane(&self.config.icp);
+        let candidate = |c: &Candidate| {
+            let refined = icp::align(map, query, &c.map_from_query, &icp_config);
+            Candidate {
+                map_from_query: refined.map_from_query,
+                fit: fit(map, query, &refined.map_from_query, verify),
+                stop: Some(refined.stop),
+            }
+        };
+        let mut refined = self.stage("refine rivals", candidates.len(), || {
+            let refined: Vec<Candidate> = candidates.iter().map(candidate).collect();
+            let n = refined.len();
+            (refined, n)
+        });
+        let (request, centroid) = (self.request, query.centroid().unwrap_or_default());
+        self.stage("verify", refined.len(), || {
+            let own = refined.remove(0);
+            let at_home = |c: &Candidate| {
+                [&lead, &own]
+                    .iter()
+                    .any(|o| same_place(c, o, query, verify, map.voxel))
+            };
+            let finest = refined
+                .iter()
+                .filter(|c| at_home(c))
+                .chain([&lead, &own])
+                .map(|c| c.fit.median_point_to_plane)
+                .fold(f64::INFINITY, f64::min);
+            refined.retain(|c| !at_home(c) && request.plausible(&c.map_from_query, centroid));
+            let mut ranked = rank(refined, query, verify, map.voxel);
+            ranked.insert(0, lead);
+            let judgement = judge_against(&ranked, finest, map, query, verify);
+            let n = ranked.len();
+            ((ranked, judgement), n)
         })
     }
 
@@ -265,37 +379,40 @@ impl Run<'_> {
             let n = e.hypotheses.len();
             (e, n)
         });
-        let keep = if self.request.method == Method::Auto {
-            usize::MAX
-        } else {
-            1
-        };
         estimate
             .hypotheses
             .iter()
-            .take(keep)
             .map(|h| h.map_from_query)
             .collect()
     }
 
-    /// The method's refiners on every start that a first look leaves in the race.
-    fn refine(&mut self, map: &Surface, query: &Surface, starts: &[Pose]) -> Vec<Candidate> {
-        let config = self.config;
-        let method = self.request.method;
-        let judged = |pose: Pose| Candidate {
-            map_from_query: pose,
-            fit: fit(map, query, &pose, &config.verify),
-        };
-        let mut poses = starts.to_vec();
-        if poses.len() > config.verify.refined {
+    /// The method's refiners on every start that a first look leaves in the race; candidates come in
+    /// the order of `starts`.
+    fn refine(
+        &mut self,
+        map: &Surface,
+        query: &Surface,
+        starts: &[Pose],
+        verify: &VerifyConfig,
+    ) -> Vec<Candidate> {
+        let (config, method) = (self.config, self.request.method);
+        let mut poses: Vec<(Pose, Option<StopReason>)> =
+            starts.iter().map(|p| (*p, None)).collect();
+        if poses.len() > verify.refined {
+            let first_look = VerifyConfig {
+                overlap_distance: verify.first_look_distance,
+                ..verify.clone()
+            };
             poses = self.stage("shortlist", poses.len(), || {
-                let mut coarse: Vec<Candidate> = poses.iter().map(|p| judged(*p)).collect();
-                coarse.sort_by(|a, b| b.fit.inlier_fraction.total_cmp(&a.fit.inlier_fraction));
-                let kept: Vec<Pose> = coarse
+                let overlap: Vec<f64> = poses
                     .iter()
-                    .take(config.verify.refined)
-                    .map(|c| c.map_from_query)
+                    .map(|(p, _)| fit(map, query, p, &first_look).overlap)
                     .collect();
+                let mut order: Vec<usize> = (0..poses.len()).collect();
+                // The first, on which the paper's methods build, stays whatever it looks like.
+                order[1..].sort_by(|&a, &b| overlap[b].total_cmp(&overlap[a]));
+                order.truncate(verify.refined);
+                let kept: Vec<_> = order.into_iter().map(|i| poses[i]).collect();
                 let n = kept.len();
                 (kept, n)
             });
@@ -303,46 +420,32 @@ impl Run<'_> {
         if method.uses_ndt() && !poses.is_empty() {
             poses = self.stage("refine by NDT", poses.len(), || {
                 let levels: Vec<NdtCells> = ndt::levels(map, &config.ndt);
-                let refined: Vec<Pose> = poses
-                    .iter()
-                    .map(|p| ndt::align(&levels, map, query, p, &config.ndt).map_from_query)
-                    .collect();
-                let n = refined.len();
-                (refined, n)
+                let align = |p: &Pose| ndt::align(&levels, map, query, p, &config.ndt);
+                refine_all(&poses, align)
             });
         }
         if method.uses_icp() && !poses.is_empty() {
             let icp_config = if method == Method::Auto {
-                IcpConfig {
-                    metric: IcpMetric::PointToPlane,
-                    ..config.icp.clone()
-                }
+                point_to_plane(&config.icp)
             } else {
                 config.icp.clone()
             };
             poses = self.stage("refine by ICP", poses.len(), || {
-                let refined: Vec<Pose> = poses
-                    .iter()
-                    .map(|p| icp::align(map, query, p, &icp_config).map_from_query)
-                    .collect();
-                let n = refined.len();
-                (refined, n)
+                refine_all(&poses, |p| icp::align(map, query, p, &icp_config))
             });
         }
-        poses.into_iter().map(judged).collect()
+        poses
+            .into_iter()
+            .map(|(pose, stop)| Candidate {
+                map_from_query: pose,
+                fit: fit(map, query, &pose, verify),
+                stop,
+            })
+            .collect()
     }
 
-    fn outcome(mut self, map: &Cloud, query: &Cloud, best: Option<Attempt>) -> Outcome {
+    fn outcome(mut self, map: &Cloud, query: &Cloud, best: Attempt) -> Outcome {
         let verify = &self.config.verify;
-        let best = best.unwrap_or_else(|| {
-            Attempt::insufficient(
-                0.0,
-                format!(
-                    "the query has {} usable points, no two of them apart",
-                    query.len()
-                ),
-            )
-        });
         let pose = best.ranked.first().map(|c| c.map_from_query);
         let inliers = pose.map(|pose| {
             self.stage("metrics", query.len(), || {
@@ -355,13 +458,14 @@ impl Run<'_> {
         });
         let finite = |v: f64| v.is_finite().then_some(v);
         Outcome {
-            verdict: best.verdict,
-            reason: best.reason,
+            verdict: best.judgement.verdict,
+            reason: best.judgement.reason,
             confidence: None,
             map_from_query: pose,
             covariance: None,
             covariance_at: pose.and_then(|p| query.centroid().map(|c| p.transform(c))),
-            unobservable: best.unobservable,
+            unobservable: best.judgement.unobservable,
+            information: best.judgement.information,
             hypotheses: best
                 .ranked
                 .iter()
@@ -371,10 +475,11 @@ impl Run<'_> {
                     median_point_to_plane: finite(c.fit.median_point_to_plane),
                     inlier_fraction: c.fit.inlier_fraction,
                     overlap: c.fit.overlap,
+                    stop: c.stop,
                 })
                 .collect(),
             inlier_fraction: inliers.map(|m| m.fraction),
-            inlier_rmse: inliers.map(|m| m.rmse),
+            inlier_rmse: inliers.and_then(|m| m.rmse),
             inlier_distance: verify.inlier_distance,
             inlier_reference: "map as read",
             voxel: (best.voxel > 0.0).then_some(best.voxel),
@@ -407,3 +512,27 @@ impl Run<'_> {
         result
     }
 }
+
+fn point_to_plane(config: &IcpConfig) -> IcpConfig {
+    IcpConfig {
+        metric: IcpMetric::PointToPlane,
+        ..config.clone()
+    }
+}
+
+/// Every pose refined, in the order given, and how many there are.
+fn refine_all(
+    poses: &[(Pose, Option<StopReason>)],
+    align: impl Fn(&Pose) -> Refined,
+) -> (Vec<(Pose, Option<StopReason>)>, usize) {
+    let refined: Vec<_> = poses
+        .iter()
+        .map(|(p, _)| align(p))
+        .map(|r| (r.map_from_query, Some(r.stop)))
+        .collect();
+    let n = refined.len();
+    (refined, n)
+}
+
+#[cfg(test)]
+mod tests;

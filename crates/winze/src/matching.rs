@@ -21,6 +21,8 @@ pub struct Correspondence {
 
 /// Query descriptors that one thread compares with all of the map's.
 const TILE: usize = 512;
+/// Tiles in work at once, at most.
+const BATCH: usize = 32;
 /// Map descriptors side by side: their distances are summed in lanes, dimension after dimension.
 const LANES: usize = 16;
 
@@ -39,6 +41,9 @@ pub fn match_descriptors(
     config: &MatchingConfig,
 ) -> Vec<Correspondence> {
     let k = config.neighbours;
+    if k == 0 {
+        return Vec::new();
+    }
     let ratio_test = config.ratio < 1.0;
     let (forward, backward) = nearest(
         query,
@@ -139,22 +144,25 @@ impl Lists {
 /// `map`, from the same distances.
 fn nearest(query: &[Descriptor], map: &[Descriptor], k: usize, back: usize) -> (Lists, Lists) {
     let groups = groups(map);
-    let tiles: Vec<(Lists, Lists)> = query
-        .par_chunks(TILE)
-        .enumerate()
-        .map(|(t, rows)| tile(t * TILE, rows, &groups, k, back))
-        .collect();
     let mut forward = Lists {
         k,
         places: Vec::with_capacity(query.len() * k),
     };
     let mut backward = Lists::new(map.len(), back);
-    for (rows, columns) in tiles {
-        forward.places.extend(rows.places);
-        // Tiles come in the order of the query's indices.
-        for m in 0..if back > 0 { map.len() } else { 0 } {
-            for new in columns.of(m) {
-                backward.offer(m, *new);
+    // A few tiles at a time: each holds lists for the whole map.
+    for (b, batch) in query.chunks(TILE * BATCH).enumerate() {
+        let tiles: Vec<(Lists, Lists)> = batch
+            .par_chunks(TILE)
+            .enumerate()
+            .map(|(t, rows)| tile((b * BATCH + t) * TILE, rows, &groups, k, back))
+            .collect();
+        for (rows, columns) in tiles {
+            forward.places.extend(rows.places);
+            // Tiles come in the order of the query's indices.
+            for m in 0..if back > 0 { map.len() } else { 0 } {
+                for new in columns.of(m) {
+                    backward.offer(m, *new);
+                }
             }
         }
     }

@@ -1,6 +1,6 @@
 //! The methods by name.
 
-/// How to look for the query: the seed paper's five configurations, and `auto`.
+/// How to look for the query: the paper's five configurations, and `auto`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Method {
     /// The full chain at scales taken from the data, on several hypotheses, with point-to-plane ICP
@@ -15,7 +15,7 @@ pub enum Method {
     FpfhIcp,
     /// NDT and ICP from a given start, no features.
     NdtIcp,
-    /// The seed paper's whole chain: features, NDT, ICP.
+    /// The paper's whole chain: features, NDT, ICP.
     FpfhNdtIcp,
 }
 

@@ -1,25 +1,25 @@
-//! The seed paper's metrics, and pose error.
+//! The paper's metrics, and pose error.
 
 use crate::cloud::Cloud;
 use crate::kdtree::KdTree;
 use crate::parallel;
 use crate::pose::{Pose, PoseDistance};
 
-/// Share of query points near the map, and how near those are: the seed paper's inlier % and
+/// Share of query points near the map, and how near those are: the paper's inlier % and
 /// inlier RMSE.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InlierMetrics {
     /// Query points whose nearest map point is closer than the inlier distance, over all of them.
     pub fraction: f64,
-    /// Root mean square distance of those, metres; 0 where there are none.
-    pub rmse: f64,
+    /// Root mean square distance of those, metres; `None` where there are none.
+    pub rmse: Option<f64>,
 }
 
 /// The metrics of `query` at `map_from_query` against the points of `map_tree`, whose offsets count
 /// from `map_origin`; nearest neighbours under `distance` metres (the paper uses 0.5).
 ///
-/// They cannot tell a passage from its twin (see the crate's documentation on verification); they
-/// are reported, not trusted.
+/// They cannot tell a passage from its twin (see [`verify`](crate::verify)); they are reported, not
+/// trusted.
 #[must_use]
 pub fn inliers(
     map_tree: &KdTree,
@@ -55,7 +55,7 @@ pub fn inliers(
     #[expect(clippy::cast_precision_loss, reason = "counts")]
     InlierMetrics {
         fraction: count as f64 / query.len().max(1) as f64,
-        rmse: (sum / count.max(1) as f64).sqrt(),
+        rmse: (count > 0).then(|| (sum / count as f64).sqrt()),
     }
 }
 
@@ -90,10 +90,10 @@ mod tests {
             0.5,
         );
         assert_eq!(m.fraction, 0.5, "exactly 0.5 m away is not an inlier");
-        assert!((m.rmse - (0.125f64).sqrt()).abs() < 1e-7);
+        assert!((m.rmse.unwrap() - (0.125f64).sqrt()).abs() < 1e-7);
         let shifted = Pose::from_translation([0.0, 0.0, 100.0]);
         let none = inliers(&KdTree::build(&map), [0.0; 3], &query, &shifted, 0.5);
-        assert_eq!((none.fraction, none.rmse), (0.0, 0.0));
+        assert_eq!((none.fraction, none.rmse), (0.0, None));
     }
 
     #[test]

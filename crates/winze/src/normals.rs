@@ -14,6 +14,7 @@ use crate::parallel;
 
 /// The neighbourhood that a normal is fitted to: all points within `radius` metres, but at least
 /// the `least` nearest and at most the `most` nearest. A bound of 0 is none; the point itself counts.
+/// With neither `radius` nor `most` it is the `least` nearest.
 ///
 /// The lower bound matters where a LiDAR's rings lie far apart: a ball that holds one ring only
 /// holds a line, and a plane through a line is anybody's guess.
@@ -40,10 +41,10 @@ pub fn estimate(points: &[[f32; 3]], tree: &KdTree, around: Neighbourhood) -> Ve
         f32::INFINITY
     };
     parallel::map_with(points.len(), Vec::new, |found, i| {
+        found.clear();
         if around.most > 0 {
             tree.knn(points[i], around.most, radius, found);
-        } else {
-            found.clear();
+        } else if radius < f32::INFINITY {
             tree.within(points[i], radius, |index, distance_squared| {
                 found.push(Neighbour {
                     index,
@@ -133,7 +134,7 @@ pub fn orient_towards(points: &[[f32; 3]], normals: &mut [[f32; 3]], viewpoint: 
 /// (metres; a passage's width or so) lies.
 ///
 /// In a drift the floor, back and opposite rib all lie on a wall's open side. The balance is taken
-/// over `coarse`, a thinned copy of the cloud (a point every `radius / 8` or so is enough), so that
+/// over `coarse`, a thinned copy of the cloud (a point every `radius / 4` or so is enough), so that
 /// dense walls do not outvote the rest; each point counts by how far out of the tangent plane
 /// it stands, up to a quarter of the radius, so that a wall's own roughness counts for little.
 pub fn orient_open_side(

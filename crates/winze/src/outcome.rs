@@ -1,7 +1,9 @@
 //! The answer.
 
 use crate::degeneracy::Unobservable;
+use crate::icp::Information;
 use crate::pose::{Pose, PoseDistance};
+use crate::refine::StopReason;
 
 /// What is known about where the query lies. Never an error: each is an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -71,6 +73,8 @@ pub struct RankedHypothesis {
     pub inlier_fraction: f64,
     /// Share of them with map surface within the overlap distance.
     pub overlap: f64,
+    /// Why its refinement stopped; `None` where it was not refined.
+    pub stop: Option<StopReason>,
 }
 
 /// Everything that is known after a run. What was not computed is `None`, never invented.
@@ -90,11 +94,13 @@ pub struct Outcome {
     pub covariance_at: Option<[f64; 3]>,
     /// Directions that the geometry leaves open at the pose; `None` where the fit was too poor to ask.
     pub unobservable: Option<Vec<Unobservable>>,
-    /// Distinct places weighed, best first.
+    /// What a point-to-plane fit says about the pose; `None` likewise.
+    pub information: Option<Information>,
+    /// Distinct places weighed, the one answered first.
     pub hypotheses: Vec<RankedHypothesis>,
-    /// The seed paper's inlier share, over all finite points of the query as read.
+    /// The paper's inlier share, over all finite points of the query as read.
     pub inlier_fraction: Option<f64>,
-    /// And its inlier RMSE, metres.
+    /// And its inlier RMSE, metres; `None` where nothing is an inlier.
     pub inlier_rmse: Option<f64>,
     /// The distance below which a point is an inlier there, metres.
     pub inlier_distance: f64,

@@ -4,7 +4,8 @@
 //! different edge lengths in the two clouds is thrown away before a pose is made of it (the
 //! prerejection of Buch et al. 2013), which is what makes a million of them affordable. The poses
 //! that survive are scored by their inlier correspondences, refined by a least-squares fit
-//! on them, and the best distinct ones are kept: one answer would hide the rivals.
+//! on them, and the best distinct ones are kept: one answer would hide the rivals. Distinctness holds
+//! within each block already, so that a place with much support cannot crowd out its twin.
 //!
 //! Samples are drawn in blocks, each from a random stream of its own, in rounds of a fixed number of blocks;
 //! the round, not the thread, decides when to stop. The answer is therefore the same at any thread count.
@@ -42,8 +43,10 @@ pub struct Estimate {
 const BLOCK: u64 = 4_096;
 /// Blocks a round holds.
 const ROUND: u64 = 16;
-/// Candidates a block hands on.
-const KEPT: usize = 4;
+/// Distinct candidates a block hands on.
+const KEPT: usize = 8;
+/// Poses that differ by less than this angle, radians (15°), and by less than the distinct distance are one.
+const SAME_ANGLE: f64 = 0.261_799_388;
 
 /// Pairs of points, split by coordinate for the inlier count.
 struct Pairs {
@@ -51,6 +54,10 @@ struct Pairs {
     map: Vec<[f64; 3]>,
     /// Number of distinct query keypoints seen up to each pair; pairs of one keypoint are adjacent.
     keypoint: Vec<u32>,
+    /// Mean of the query points: where poses are compared.
+    middle: [f64; 3],
+    /// Poses nearer than this there are one, metres.
+    merge: f64,
 }
 
 /// Poses for `correspondences` between the keypoints of `query` and `map`, at the pipeline's
@@ -69,11 +76,17 @@ pub fn estimate(
     plausible: &(dyn Fn(&Pose) -> bool + Sync),
 ) -> Estimate {
     let plausible = |pose: &Pose| plausible(&pose.from_between_origins(map.origin, query.origin));
+    let query_points: Vec<[f64; 3]> = correspondences
+        .iter()
+        .map(|c| query.points[c.query as usize].map(f64::from))
+        .collect();
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
     let pairs = Pairs {
-        query: correspondences
-            .iter()
-            .map(|c| query.points[c.query as usize].map(f64::from))
-            .collect(),
+        middle: std::array::from_fn(|a| {
+            query_points.iter().map(|p| p[a]).sum::<f64>() / query_points.len().max(1) as f64
+        }),
+        merge: config.distinct_distance.metres(voxel),
+        query: query_points,
         map: correspondences
             .iter()
             .map(|c| map.points[c.map as usize].map(f64::from))
@@ -85,25 +98,25 @@ pub fn estimate(
         return Estimate::default();
     }
     let limit = config.inlier_distance.metres(voxel);
-    let merge = config.distinct_distance.metres(voxel);
     let max_samples = config.max_samples as u64;
     let mut pool: Vec<Hypothesis> = Vec::new();
     let (mut samples, mut needed, mut block) = (0, max_samples, 0);
     while samples < needed {
         let found: Vec<Vec<Hypothesis>> = (block..block + ROUND)
             .into_par_iter()
-            .map(|b| sample_block(&pairs, config, limit, voxel, Rng::new(seed, b), &plausible))
+            .map(|b| {
+                let draws = max_samples.saturating_sub(b * BLOCK).min(BLOCK);
+                let rng = Rng::new(seed, b);
+                sample_block(&pairs, config, limit, voxel, rng, draws, &plausible)
+            })
             .collect();
         block += ROUND;
-        samples += BLOCK * ROUND;
+        samples = (samples + BLOCK * ROUND).min(max_samples);
         pool.extend(found.into_iter().flatten());
-        pool = distinct(pool, &pairs, merge, config.hypotheses);
+        pool = distinct(pool, &pairs, config.hypotheses);
         if let Some(best) = pool.first() {
-            needed = needed.min(samples_needed(
-                best.inliers,
-                distinct_keypoints(&pairs),
-                config.confidence,
-            ));
+            // Samples are drawn from all pairs, however many share a keypoint.
+            needed = needed.min(samples_needed(best.inliers, n, config.confidence));
         }
     }
     for h in &mut pool {
@@ -115,10 +128,6 @@ pub fn estimate(
         hypotheses: pool,
         samples,
     }
-}
-
-fn distinct_keypoints(pairs: &Pairs) -> usize {
-    pairs.keypoint.chunk_by(|a, b| a == b).count()
 }
 
 /// Samples after which one of three inliers was drawn with the given confidence.
@@ -148,12 +157,13 @@ fn sample_block(
     limit: f64,
     voxel: f64,
     mut rng: Rng,
+    draws: u64,
     plausible: &impl Fn(&Pose) -> bool,
 ) -> Vec<Hypothesis> {
     let n = u32::try_from(pairs.query.len()).unwrap_or(u32::MAX);
     let min_edge = config.min_edge.metres(voxel);
     let mut kept: Vec<Hypothesis> = Vec::new();
-    for _ in 0..BLOCK {
+    for _ in 0..draws {
         let sample = [
             rng.below(n) as usize,
             rng.below(n) as usize,
@@ -178,6 +188,13 @@ fn sample_block(
         if !plausible(&refined.map_from_query) {
             continue;
         }
+        if kept
+            .iter()
+            .any(|h| pairs.same_place(h, &refined) && h.inliers >= refined.inliers)
+        {
+            continue;
+        }
+        kept.retain(|h| !pairs.same_place(h, &refined));
         let at = kept.partition_point(|h| h.inliers >= refined.inliers);
         kept.insert(at, refined);
         kept.truncate(KEPT);
@@ -253,25 +270,23 @@ fn hypothesis(pairs: &Pairs, pose: Pose, limit: f64) -> Hypothesis {
     }
 }
 
-/// The best `keep` of `pool`, none within `merge` metres (at the query's middle) and 15° of a
-/// better one.
-fn distinct(mut pool: Vec<Hypothesis>, pairs: &Pairs, merge: f64, keep: usize) -> Vec<Hypothesis> {
+impl Pairs {
+    fn same_place(&self, a: &Hypothesis, b: &Hypothesis) -> bool {
+        let d = a.map_from_query.distance(&b.map_from_query, self.middle);
+        d.translation < self.merge && d.rotation < SAME_ANGLE
+    }
+}
+
+/// The best `keep` of `pool`, none at the same place as a better one.
+fn distinct(mut pool: Vec<Hypothesis>, pairs: &Pairs, keep: usize) -> Vec<Hypothesis> {
     // Stable: of equal ones the first drawn comes first.
     pool.sort_by(|a, b| b.inliers.cmp(&a.inliers).then(a.rmse.total_cmp(&b.rmse)));
-    let n = pairs.query.len();
-    #[expect(clippy::cast_precision_loss, reason = "a count")]
-    let middle: [f64; 3] =
-        std::array::from_fn(|a| pairs.query.iter().map(|p| p[a]).sum::<f64>() / n as f64);
     let mut out: Vec<Hypothesis> = Vec::new();
     for h in pool {
         if out.len() == keep {
             break;
         }
-        let near = |o: &Hypothesis| {
-            let d = o.map_from_query.distance(&h.map_from_query, middle);
-            d.translation < merge && d.rotation < 15f64.to_radians()
-        };
-        if !out.iter().any(near) {
+        if !out.iter().any(|o| pairs.same_place(o, &h)) {
             out.push(h);
         }
     }
@@ -377,6 +392,76 @@ mod tests {
         let found = estimate(&pairs, &query, &map, &config, 0.5, 0, &|_| true).hypotheses;
         assert!(found.len() > 1 && found.len() <= config.hypotheses);
         assert!(found.windows(2).all(|w| w[0].inliers >= w[1].inliers));
+        let middle = |p: &Hypothesis| {
+            let sum = query.points.iter().fold([0.0; 3], |s: [f64; 3], q| {
+                std::array::from_fn(|a| s[a] + f64::from(q[a]))
+            });
+            p.map_from_query
+                .transform(sum.map(|v| v / query.points.len() as f64))
+        };
+        for (i, a) in found.iter().enumerate() {
+            for b in &found[..i] {
+                let apart = squared_distance(middle(a), middle(b)).sqrt();
+                let turned = a.map_from_query.distance(&b.map_from_query, [0.0; 3]);
+                assert!(apart >= 2.5 || turned.rotation >= SAME_ANGLE, "{apart}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_place_with_much_support_does_not_hide_its_twin() {
+        // Two in five keypoints match at one place, two more at another with a little less support.
+        let (mut pairs, query, map, truth) = problem(250, 250);
+        let twin = truth.compose(&Pose::from_translation([0.0, 40.0, 0.0]));
+        let mut map = map;
+        for i in 250..450 {
+            map.points[i] = twin
+                .transform(query.points[i].map(f64::from))
+                .map(|v| v as f32);
+        }
+        pairs.truncate(500);
+        let found = estimate(
+            &pairs,
+            &query,
+            &map,
+            &RansacConfig::default(),
+            0.3,
+            1,
+            &|_| true,
+        );
+        let second = found.hypotheses[1];
+        assert!(second.inliers >= 200, "{second:?}");
+        assert!(second.map_from_query.distance(&twin, [0.0; 3]).translation < 0.1);
+    }
+
+    #[test]
+    fn several_matches_a_keypoint_ask_for_more_samples_and_the_limit_holds() {
+        let (pairs, query, map, _) = problem(60, 60);
+        let estimate = |pairs: &[Correspondence], max_samples| {
+            let config = RansacConfig {
+                max_samples,
+                ..RansacConfig::default()
+            };
+            estimate(pairs, &query, &map, &config, 0.3, 1, &|_| true).samples
+        };
+        // Each keypoint with its own match and nine of others': a tenth of the pairs is right at most.
+        let many: Vec<Correspondence> = pairs
+            .iter()
+            .flat_map(|c| {
+                (0..10).map(|k| Correspondence {
+                    map: (c.map + 7 * k) % 120,
+                    ..*c
+                })
+            })
+            .collect();
+        let (few, more) = (estimate(&pairs, 2_000_000), estimate(&many, 2_000_000));
+        assert!(more >= few);
+        let share = 60.0f64 / 1200.0;
+        assert!(
+            more as f64 >= (-6.9 / (1.0 - share.powi(3)).ln()).min(2e6) * 0.9,
+            "{more}"
+        );
+        assert_eq!(estimate(&pairs, 1_000), 1_000);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! What the local refiners have in common.
 
+use crate::icp::Information;
 use crate::pose::Pose;
 
 /// Why a refiner stopped.
@@ -42,6 +43,8 @@ pub struct Refined {
     pub iterations: usize,
     /// Query points that took part in the last one.
     pub pairs: usize,
+    /// What a point-to-plane fit says about the pose it stopped at, whatever it minimised itself.
+    pub information: Information,
 }
 
 impl Refined {
@@ -51,6 +54,7 @@ impl Refined {
             stop: StopReason::MaxIterations,
             iterations: 0,
             pairs: 0,
+            information: Information::default(),
         }
     }
 }

@@ -50,6 +50,7 @@ pub struct Measure {
 pub fn measure(cloud: &Cloud) -> Option<Measure> {
     let spacing = spacing(cloud.points())?;
     // Even out the density first: the nearest wall is sampled far more often than the rest.
+    let spacing = spacing.max(CLOSEST);
     let mut size = spacing;
     let mut even = cloud.clone();
     while even.len() > SAMPLE {
@@ -115,7 +116,21 @@ fn step(size: f64, k: i32) -> f64 {
     ladder(size * libm::exp2(f64::from(k) / STEPS_PER_OCTAVE))
 }
 
+/// Points nearer to each other than this, metres, are one measured twice, with rounding.
+const CLOSEST: f64 = 0.001;
+
 fn spacing(points: &[[f32; 3]]) -> Option<f64> {
+    spacing_of_distinct(points).or_else(|| {
+        // Every point may have a crowd of copies, as where a static scan was accumulated.
+        let bits = |p: &[f32; 3]| p.map(|v| (v + 0.0).to_bits());
+        let mut distinct = points.to_vec();
+        distinct.sort_unstable_by_key(bits);
+        distinct.dedup_by_key(|p| bits(p));
+        spacing_of_distinct(&distinct)
+    })
+}
+
+fn spacing_of_distinct(points: &[[f32; 3]]) -> Option<f64> {
     let tree = KdTree::build(points);
     let chosen = sample(points, 2_000);
     let nearest = parallel::map_with(chosen.len(), Vec::new, |found, i| {
@@ -245,5 +260,22 @@ mod tests {
         assert!(measure(&cloud(&[[1.0; 3]; 50])).is_none());
         let m = measure(&cloud(&[[0.0; 3], [1.0, 0.0, 0.0]])).unwrap();
         assert_eq!((m.spacing, m.width), (1.0, None));
+    }
+
+    #[test]
+    fn copies_and_near_copies_of_points_do_not_count() {
+        let points = drift(3_000, 10.0, 0.2, 0.0, 1);
+        let once = measure(&cloud(&points)).unwrap();
+        let copies: Vec<[f64; 3]> = (0..100).flat_map(|_| points.iter().copied()).collect();
+        let often = measure(&cloud(&copies)).unwrap();
+        assert!(
+            (often.spacing / once.spacing - 1.0).abs() < 0.2,
+            "{often:?}"
+        );
+        let twice: Vec<[f64; 3]> = points
+            .iter()
+            .flat_map(|p| [*p, [p[0] + 1e-5, p[1], p[2]]])
+            .collect();
+        assert!(measure(&cloud(&twice)).unwrap().spacing >= CLOSEST);
     }
 }

@@ -1,6 +1,6 @@
 //! Does the query really lie there? Dense evidence for one pose, and the verdict over several.
 //!
-//! The seed paper's inlier share at 0.5 m is nearly as high in a passage's twin as in the passage itself.
+//! The paper's inlier share at 0.5 m is nearly as high in a passage's twin as in the passage itself.
 //! Point-to-plane residuals are several times larger there, so fitness is counted at a fine
 //! tolerance in the normal direction, and places are judged against each other: one that fits as finely
 //! as the best wherever it overlaps is a rival, even where it overlaps less, since a map may simply
@@ -8,12 +8,12 @@
 
 use crate::config::VerifyConfig;
 use crate::degeneracy::{self, Unobservable};
-use crate::icp;
+use crate::icp::{self, Information};
 use crate::outcome::Verdict;
 use crate::parallel;
 use crate::pose::Pose;
 use crate::prepare::Surface;
-use crate::refine::sample;
+use crate::refine::{StopReason, sample};
 
 /// How well the query's surface lies on the map's at one pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,6 +36,22 @@ pub struct Candidate {
     pub map_from_query: Pose,
     /// The evidence.
     pub fit: Fit,
+    /// Why its refiner stopped; `None` where it was not refined.
+    pub stop: Option<StopReason>,
+}
+
+/// What [`judge`] makes of the candidates.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Judgement {
+    /// The answer in a word.
+    pub verdict: Verdict,
+    /// And in a sentence.
+    pub reason: String,
+    /// Directions that the geometry leaves open at the best pose; `None` where the fit was too poor to
+    /// ask.
+    pub unobservable: Option<Vec<Unobservable>>,
+    /// What a point-to-plane fit says about the best pose; `None` likewise.
+    pub information: Option<Information>,
 }
 
 /// Measures how `query` lies on `map` at `map_from_query`, at no more than
@@ -109,27 +125,38 @@ pub fn rank(
     voxel: f64,
 ) -> Vec<Candidate> {
     candidates.sort_by(|a, b| b.fit.fitness.total_cmp(&a.fit.fitness));
-    let centroid = query.centroid().unwrap_or_default();
-    let (merge, angle) = (
-        config.merge_distance.metres(voxel),
-        config.merge_angle.to_radians(),
-    );
     let mut distinct: Vec<Candidate> = Vec::new();
     for c in candidates {
-        let same = |d: &Candidate| {
-            let apart = d.map_from_query.distance(&c.map_from_query, centroid);
-            apart.translation < merge && apart.rotation < angle
-        };
-        if !distinct.iter().any(same) {
+        if !distinct
+            .iter()
+            .any(|d| same_place(d, &c, query, config, voxel))
+        {
             distinct.push(c);
         }
     }
     distinct
 }
 
-/// The verdict over ranked, distinct candidates: (verdict, one sentence, unobservable directions).
+/// Two candidates differ by less than the merge distance at the query's centroid and by less than
+/// the merge angle.
+#[must_use]
+pub fn same_place(
+    a: &Candidate,
+    b: &Candidate,
+    query: &Surface,
+    config: &VerifyConfig,
+    voxel: f64,
+) -> bool {
+    let centroid = query.centroid().unwrap_or_default();
+    let apart = a.map_from_query.distance(&b.map_from_query, centroid);
+    apart.translation < config.merge_distance.metres(voxel)
+        && apart.rotation < config.merge_angle.to_radians()
+}
+
+/// The verdict over distinct candidates, the one to answer with first.
 ///
-/// The rules, in order: no candidate, or too little overlap or fitness: `not_found`. A rival that
+/// The rules, in order: fewer than [`VerifyConfig::min_points`] query points with a normal:
+/// `insufficient`. No candidate, or too little overlap or fitness: `not_found`. A rival that
 /// fits as finely (its median point-to-plane residual is below [`VerifyConfig::rival_residual`]
 /// times the best's) on at least [`VerifyConfig::rival_overlap`] of the best's overlap:
 /// `ambiguous`. A direction with less than [`VerifyConfig::min_information`]: `degenerate`. Else
@@ -140,22 +167,48 @@ pub fn judge(
     map: &Surface,
     query: &Surface,
     config: &VerifyConfig,
-) -> (Verdict, String, Option<Vec<Unobservable>>) {
-    let Some(best) = ranked.first() else {
-        return (
-            Verdict::NotFound,
-            "no pose has enough matching keypoints behind it".into(),
-            None,
+) -> Judgement {
+    let finest = ranked
+        .first()
+        .map_or(f64::INFINITY, |c| c.fit.median_point_to_plane);
+    judge_against(ranked, finest, map, query, config)
+}
+
+/// As [`judge`], where the first candidate's place is known to fit within `finest` metres (median)
+/// once refined, though the candidate itself is not. Rivals, refined, must be compared with that.
+pub(crate) fn judge_against(
+    ranked: &[Candidate],
+    finest: f64,
+    map: &Surface,
+    query: &Surface,
+    config: &VerifyConfig,
+) -> Judgement {
+    let poor = |verdict, reason| Judgement {
+        verdict,
+        reason,
+        unobservable: None,
+        information: None,
+    };
+    let with_normal = query.normals.iter().filter(|n| **n != [0.0; 3]).count();
+    if with_normal < config.min_points {
+        let reason = format!(
+            "{with_normal} of the query's points are left with a surface normal at a voxel size of {:.3} m; at least {} are needed",
+            query.voxel, config.min_points
         );
+        return poor(Verdict::Insufficient, reason);
+    }
+    let Some(best) = ranked.first() else {
+        let reason = "no pose has enough matching keypoints behind it".into();
+        return poor(Verdict::NotFound, reason);
     };
     let fit = &best.fit;
-    if fit.overlap < config.min_overlap {
+    if fit.overlap < config.min_overlap || fit.overlap <= 0.0 {
         let reason = format!(
             "the best pose found puts {:.0} % of the query on the map's surface, below the {:.0} % asked for",
             100.0 * fit.overlap,
             100.0 * config.min_overlap
         );
-        return (Verdict::NotFound, reason, None);
+        return poor(Verdict::NotFound, reason);
     }
     let fine = fit.fitness / fit.overlap;
     if fine < config.min_fine_share {
@@ -165,7 +218,7 @@ pub fn judge(
             config.fine_tolerance.metres(map.voxel),
             100.0 * config.min_fine_share
         );
-        return (Verdict::NotFound, reason, None);
+        return poor(Verdict::NotFound, reason);
     }
     let information = icp::information(
         map,
@@ -182,19 +235,18 @@ pub fn judge(
         .iter()
         .filter(|c| {
             c.fit.overlap >= config.rival_overlap * fit.overlap
-                && c.fit.median_point_to_plane <= config.rival_residual * fit.median_point_to_plane
+                && c.fit.median_point_to_plane <= config.rival_residual * finest
         })
         .count();
-    if rivals > 0 {
+    let (verdict, reason) = if rivals > 0 {
         let reason = format!(
             "{rivals} other place{} fit{} as finely on at least {:.0} % of the overlap",
             if rivals == 1 { "" } else { "s" },
             if rivals == 1 { "s" } else { "" },
             100.0 * config.rival_overlap
         );
-        return (Verdict::Ambiguous, reason, Some(open));
-    }
-    if let Some(d) = open.first() {
+        (Verdict::Ambiguous, reason)
+    } else if let Some(d) = open.first() {
         let reason = format!(
             "nothing in the geometry resists {} ({:.2}, {:.2}, {:.2})",
             match d.kind {
@@ -205,14 +257,26 @@ pub fn judge(
             d.direction[1],
             d.direction[2]
         );
-        return (Verdict::Degenerate, reason, Some(open));
+        (Verdict::Degenerate, reason)
+    } else {
+        let others = match ranked.len() {
+            1 => "no other place came up".into(),
+            2 => "the one other place weighed does not come close".into(),
+            n => format!("none of the {} other places weighed comes close", n - 1),
+        };
+        let reason = format!(
+            "{:.0} % of the query lies on the map's surface, half of that within {:.3} m, and {others}",
+            100.0 * fit.overlap,
+            fit.median_point_to_plane
+        );
+        (Verdict::Located, reason)
+    };
+    Judgement {
+        verdict,
+        reason,
+        unobservable: Some(open),
+        information: Some(information),
     }
-    let reason = format!(
-        "{:.0} % of the query lies on the map's surface, half of that within {:.3} m, and no other place found comes close",
-        100.0 * fit.overlap,
-        fit.median_point_to_plane
-    );
-    (Verdict::Located, reason, Some(open))
 }
 
 #[cfg(test)]
@@ -225,6 +289,7 @@ mod tests {
         Candidate {
             map_from_query: pose,
             fit: fit(map, query, &pose, &VerifyConfig::default()),
+            stop: None,
         }
     }
 
@@ -247,10 +312,30 @@ mod tests {
         );
         let ranked = rank(vec![wrong, right], &query, &config, 0.2);
         assert_eq!(ranked[0], right);
-        assert_eq!(judge(&ranked, &map, &query, &config).0, Verdict::Located);
-        assert_eq!(judge(&[], &map, &query, &config).0, Verdict::NotFound);
+        let verdict = |ranked: &[Candidate]| judge(ranked, &map, &query, &config).verdict;
+        assert_eq!(verdict(&ranked), Verdict::Located);
+        assert_eq!(verdict(&[]), Verdict::NotFound);
+        assert_eq!(
+            verdict(&[wrong]),
+            Verdict::NotFound,
+            "alone it must not pass either"
+        );
         let out = candidate(&map, &query, Pose::from_translation([30.0, 0.0, 0.0]));
-        assert_eq!(judge(&[out], &map, &query, &config).0, Verdict::NotFound);
+        assert_eq!(verdict(&[out]), Verdict::NotFound);
+        let careless = VerifyConfig {
+            min_overlap: 0.0,
+            ..config.clone()
+        };
+        let nowhere = candidate(&map, &query, Pose::from_translation([900.0, 0.0, 0.0]));
+        assert_eq!(
+            judge(&[nowhere], &map, &query, &careless).verdict,
+            Verdict::NotFound
+        );
+        let few = surface(&drift(60, 20.0, 0.4, 0.01, 2), 0.2);
+        assert_eq!(
+            judge(&[right], &map, &few, &config).verdict,
+            Verdict::Insufficient
+        );
     }
 
     #[test]
@@ -273,22 +358,22 @@ mod tests {
             candidate(&map, &query, Pose::identity()),
             candidate(&map, &query, Pose::from_translation([0.0, 20.0, 0.0])),
         ];
-        let (verdict, reason, _) = judge(&rank(twins, &query, &config, 0.2), &map, &query, &config);
-        assert_eq!(verdict, Verdict::Ambiguous, "{reason}");
+        let judged = judge(&rank(twins, &query, &config, 0.2), &map, &query, &config);
+        assert_eq!(judged.verdict, Verdict::Ambiguous, "{}", judged.reason);
         let bare = surface(&drift(90_000, 40.0, 0.0, 0.005, 1), 0.2);
         let part: Vec<[f64; 3]> = drift(90_000, 40.0, 0.0, 0.005, 2)
             .into_iter()
             .filter(|p| p[0] > 10.0 && p[0] < 25.0)
             .collect();
         let query = surface(&part, 0.2);
-        let (verdict, reason, open) = judge(
+        let judged = judge(
             &[candidate(&bare, &query, Pose::identity())],
             &bare,
             &query,
             &config,
         );
-        assert_eq!(verdict, Verdict::Degenerate, "{reason}");
-        assert!(open.unwrap()[0].direction[0].abs() > 0.99);
+        assert_eq!(judged.verdict, Verdict::Degenerate, "{}", judged.reason);
+        assert!(judged.unobservable.unwrap()[0].direction[0].abs() > 0.99);
     }
 
     #[test]
@@ -302,6 +387,7 @@ mod tests {
                 median_point_to_plane: 0.01,
                 inlier_fraction: 1.0,
             },
+            stop: None,
         };
         let ranked = rank(
             vec![at(0.0, 0.5), at(0.1, 0.6), at(5.0, 0.4), at(-0.1, 0.3)],

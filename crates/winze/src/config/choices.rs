@@ -9,6 +9,11 @@ macro_rules! choice {
             $( $(#[doc = $vdoc])+ #[cfg_attr(feature = "serde", serde(rename = $text))] $variant, )+
         }
 
+        impl $name {
+            /// All of them, as they are written.
+            pub const NAMES: &'static [&'static str] = &[$($text),+];
+        }
+
         impl std::fmt::Display for $name {
             fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
                 f.write_str(match self { $( Self::$variant => $text, )+ })
@@ -40,7 +45,7 @@ choice! {
 choice! {
     /// How SPFH histograms are summed into FPFH.
     pub enum DescriptorVariant {
-        /// Rusu et al. 2009 and the seed paper: own SPFH plus 1/k of the neighbours', each over its
+        /// Rusu et al. 2009 and the paper: own SPFH plus 1/k of the neighbours', each over its
         /// distance.
         Paper = "paper",
         /// PCL: the neighbours' over their squared distance, each of the three parts scaled to 100.
@@ -55,7 +60,7 @@ choice! {
     pub enum NdtForm {
         /// Magnusson 2009: a Gaussian mixed with a uniform outlier density, Newton steps.
         Mixture = "mixture",
-        /// The seed paper's plain form: the likelihood of one Gaussian, gradient ascent.
+        /// The paper's plain form: the likelihood of one Gaussian, gradient ascent.
         Plain = "plain",
     }
 }

@@ -116,7 +116,7 @@ mod tests {
         };
         assert_eq!(
             (key.as_str(), value.as_str(), rule.as_str()),
-            ("fpfh.radius", "-1 m", "must be above 0")
+            ("fpfh.radius", "-1 m", "must be above 0, at most 1000")
         );
         let mut config = Config::default();
         config.ransac.confidence = 1.0;

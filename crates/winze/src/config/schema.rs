@@ -11,17 +11,24 @@ pub enum Rule {
     Positive,
     /// Zero or above.
     NonNegative,
+    /// Above zero, at most this.
+    UpTo(f64),
     /// Between the two, both allowed.
     Between(f64, f64),
+    /// One of these, as it is written.
+    OneOf(&'static [&'static str]),
 }
 
 impl Rule {
-    pub(super) fn holds(self, v: f64) -> bool {
+    pub(super) fn holds(self, value: &impl Checked) -> bool {
+        let number = |ok: &dyn Fn(f64) -> bool| value.number().is_none_or(ok);
         match self {
             Self::Any => true,
-            Self::Positive => v > 0.0 && v.is_finite(),
-            Self::NonNegative => v >= 0.0 && v.is_finite(),
-            Self::Between(a, b) => v >= a && v <= b,
+            Self::Positive => number(&|v| v > 0.0 && v.is_finite()),
+            Self::NonNegative => number(&|v| v >= 0.0 && v.is_finite()),
+            Self::UpTo(most) => number(&|v| v > 0.0 && v <= most),
+            Self::Between(a, b) => number(&|v| v >= a && v <= b),
+            Self::OneOf(words) => words.contains(&value.shown().as_str()),
         }
     }
 }
@@ -32,7 +39,9 @@ impl std::fmt::Display for Rule {
             Self::Any => write!(f, "may be anything"),
             Self::Positive => write!(f, "must be above 0"),
             Self::NonNegative => write!(f, "must be 0 or above"),
+            Self::UpTo(most) => write!(f, "must be above 0, at most {most}"),
             Self::Between(a, b) => write!(f, "must lie between {a} and {b}"),
+            Self::OneOf(words) => write!(f, "one of {}", words.join(", ")),
         }
     }
 }
@@ -67,12 +76,12 @@ mod checked {
         u64 => |_v| None, format!("{_v}");
         bool => |_v| None, format!("{_v}");
         Length => |v| Some(v.amount()), format!("{v}");
-        Orientation => |_v| None, format!("{_v:?}");
+        Orientation => |_v| None, format!("{_v}");
         IcpMetric => |_v| None, format!("{_v}");
-        IssCentre => |_v| None, format!("{_v:?}");
-        DescriptorVariant => |_v| None, format!("{_v:?}");
-        NdtForm => |_v| None, format!("{_v:?}");
-        Kernel => |_v| None, format!("{_v:?}");
+        IssCentre => |_v| None, format!("{_v}");
+        DescriptorVariant => |_v| None, format!("{_v}");
+        NdtForm => |_v| None, format!("{_v}");
+        Kernel => |_v| None, format!("{_v}");
     }
 }
 
@@ -122,7 +131,7 @@ macro_rules! section {
             pub(super) fn check(&self) -> $crate::Result<()> {
                 $( {
                     let rule: Rule = $rule;
-                    if self.$field.number().is_some_and(|v| !rule.holds(v)) {
+                    if !rule.holds(&self.$field) {
                         return Err($crate::Error::Config {
                             key: concat!($key, ".", stringify!($field)).into(),
                             value: self.$field.shown(),

@@ -1,15 +1,19 @@
 //! The sections: one plain struct a stage.
 
-use super::Rule::{self, Any, Between, NonNegative, Positive};
+use super::Rule::{self, Any, Between, NonNegative, OneOf, Positive, UpTo};
 use super::choices::{DescriptorVariant, IcpMetric, IssCentre, Kernel, NdtForm, Orientation};
 use super::length::Length;
 use super::schema::{Checked, section};
+
+/// No length is longer than this, in metres or in voxels: a mistyped one must not look at the whole
+/// map from every point.
+const LONGEST: f64 = 1000.0;
 
 section! {
     /// The length scale that everything follows from.
     pub struct ScaleConfig("scale") {
         /// Voxel size in metres; 0 takes it from the data (point spacing, passage width, extent).
-        voxel: f64 = 0.0, NonNegative;
+        voxel: f64 = 0.0, Between(0.0, 1e6);
         /// How many scales `auto` tries before it gives up.
         tries: usize = 3, Between(1.0, 8.0);
     }
@@ -22,26 +26,26 @@ section! {
         min_range: f64 = 0.0, NonNegative;
         /// Query points further from the sensor than this are dropped, metres; 0: none.
         max_range: f64 = 0.0, NonNegative;
-        /// Remove outliers before thinning, as the seed paper does; else after, where densities are even.
+        /// Remove outliers before thinning, as the paper does; else after, where densities are even.
         denoise_first: bool = false, Any;
         /// Neighbours of the statistical outlier test; 0 switches it off.
-        statistical_neighbours: usize = 12, Any;
+        statistical_neighbours: usize = 12, Between(0.0, 1000.0);
         /// A point stays while its mean neighbour distance is below mean + this many deviations.
         statistical_deviations: f64 = 3.0, NonNegative;
         /// Radius of the radius outlier test.
-        outlier_radius: Length = Length::Voxels(3.0), NonNegative;
+        outlier_radius: Length = Length::Voxels(3.0), Between(0.0, LONGEST);
         /// Neighbours a point must have within that radius; 0 switches the test off.
-        radius_neighbours: usize = 0, Any;
+        radius_neighbours: usize = 0, Between(0.0, 1000.0);
         /// Radius of the neighbourhood a normal is fitted to.
-        normal_radius: Length = Length::Voxels(3.5), NonNegative;
+        normal_radius: Length = Length::Voxels(3.5), Between(0.0, LONGEST);
         /// Nearest neighbours that it takes even beyond the radius, where rings or rows lie far apart.
-        normal_least: usize = 16, Any;
+        normal_least: usize = 16, Between(0.0, 1000.0);
         /// Nearest neighbours that it takes at most; 0: all within the radius.
-        normal_most: usize = 0, Any;
+        normal_most: usize = 0, Between(0.0, 1000.0);
         /// Where the sign of a normal comes from.
-        orientation: Orientation = Orientation::OpenSide, Any;
+        orientation: Orientation = Orientation::OpenSide, OneOf(Orientation::NAMES);
         /// Radius within which the open side of a surface is judged: about a passage's width.
-        open_side_radius: Length = Length::Voxels(16.0), Positive;
+        open_side_radius: Length = Length::Voxels(16.0), UpTo(LONGEST);
     }
 }
 
@@ -49,23 +53,23 @@ section! {
     /// ISS keypoints.
     pub struct IssConfig("iss") {
         /// Radius of the neighbourhood whose scatter is taken.
-        salient_radius: Length = Length::Voxels(6.0), Positive;
-        /// Bound on λ2/λ1, the seed paper's γ21.
+        salient_radius: Length = Length::Voxels(6.0), UpTo(LONGEST);
+        /// Bound on λ2/λ1, the paper's γ21.
         gamma_21: f64 = 0.975, Between(0.0, 1.0);
-        /// Bound on λ3/λ2, the seed paper's γ32.
+        /// Bound on λ3/λ2, the paper's γ32.
         gamma_32: f64 = 0.975, Between(0.0, 1.0);
         /// λ3 over the squared radius must exceed this: how much relief a keypoint needs.
         min_relief: f64 = 0.0005, NonNegative;
         /// Neighbours a point must have within the salient radius.
         min_neighbours: usize = 5, Any;
         /// What the scatter is taken about.
-        centre: IssCentre = IssCentre::Point, Any;
+        centre: IssCentre = IssCentre::Point, OneOf(IssCentre::NAMES);
         /// Weigh each neighbour by the inverse of its own number of neighbours.
         density_weighting: bool = false, Any;
         /// One keypoint a cell of this size is kept; 0: no cells.
-        cell: Length = Length::Voxels(3.0), NonNegative;
+        cell: Length = Length::Voxels(3.0), Between(0.0, LONGEST);
         /// A keypoint must be the most salient within this radius; 0: no such test.
-        non_max_radius: Length = Length::Voxels(0.0), NonNegative;
+        non_max_radius: Length = Length::Voxels(0.0), Between(0.0, LONGEST);
         /// Where fewer keypoints qualify, the most salient others fill up to this many.
         min_keypoints: usize = 2000, Any;
         /// At most this many keypoints, the most salient; 0: no limit.
@@ -77,9 +81,9 @@ section! {
     /// FPFH descriptors.
     pub struct FpfhConfig("fpfh") {
         /// Radius of the neighbourhood that is described.
-        radius: Length = Length::Voxels(6.0), Positive;
+        radius: Length = Length::Voxels(6.0), UpTo(LONGEST);
         /// How neighbours' histograms are summed.
-        variant: DescriptorVariant = DescriptorVariant::Paper, Any;
+        variant: DescriptorVariant = DescriptorVariant::Paper, OneOf(DescriptorVariant::NAMES);
         /// Describe without regard to the signs of normals.
         unsigned: bool = false, Any;
     }
@@ -101,11 +105,11 @@ section! {
     /// RANSAC over correspondences.
     pub struct RansacConfig("ransac") {
         /// A correspondence is an inlier of a pose within this distance.
-        inlier_distance: Length = Length::Voxels(2.0), Positive;
+        inlier_distance: Length = Length::Voxels(2.0), UpTo(LONGEST);
         /// Ratio of an edge's lengths in the two clouds below which a sample is thrown away.
         edge_similarity: f64 = 0.9, Between(0.0, 1.0);
         /// Edges of a sample must be longer than this.
-        min_edge: Length = Length::Voxels(4.0), NonNegative;
+        min_edge: Length = Length::Voxels(4.0), Between(0.0, LONGEST);
         /// Samples drawn at most.
         max_samples: usize = 2_000_000, Between(1.0, 1e12);
         /// Sampling ends when a better pose would have been drawn with this probability.
@@ -115,7 +119,7 @@ section! {
         /// Distinct poses kept.
         hypotheses: usize = 32, Between(1.0, 1000.0);
         /// Poses nearer than this (and 15 degrees) are one.
-        distinct_distance: Length = Length::Voxels(5.0), NonNegative;
+        distinct_distance: Length = Length::Voxels(5.0), Between(0.0, LONGEST);
     }
 }
 
@@ -123,17 +127,17 @@ section! {
     /// NDT refinement.
     pub struct NdtConfig("ndt") {
         /// Cell size to begin with.
-        coarsest: Length = Length::Voxels(8.0), Positive;
+        coarsest: Length = Length::Voxels(8.0), Between(0.01, LONGEST);
         /// Cell size to end with; sizes halve in between.
-        finest: Length = Length::Voxels(4.0), Positive;
+        finest: Length = Length::Voxels(4.0), Between(0.01, LONGEST);
         /// Cells that a point looks at: its own (1), with face (7) or corner (27) neighbours.
-        neighbours: usize = 7, Between(1.0, 27.0);
+        neighbours: usize = 7, OneOf(&["1", "7", "27"]);
         /// Points a cell must hold to have a Gaussian.
         min_points: usize = 6, Between(3.0, 1e9);
         /// Eigenvalues of a Gaussian are raised to this share of its largest.
         eigenvalue_floor: f64 = 0.01, Between(1e-9, 1.0);
         /// The objective.
-        form: NdtForm = NdtForm::Mixture, Any;
+        form: NdtForm = NdtForm::Mixture, OneOf(NdtForm::NAMES);
         /// Expected share of points that belong to no Gaussian (mixture form).
         outlier_ratio: f64 = 0.55, Between(0.01, 0.99);
         /// Query points used at most, evenly drawn; 0: all.
@@ -153,15 +157,15 @@ section! {
     /// ICP refinement.
     pub struct IcpConfig("icp") {
         /// What is minimised (`auto` always ends with point-to-plane).
-        metric: IcpMetric = IcpMetric::PointToPoint, Any;
+        metric: IcpMetric = IcpMetric::PointToPoint, OneOf(IcpMetric::NAMES);
         /// Pairs further apart than this do not count at first;
-        max_distance: Length = Length::Voxels(4.0), Positive;
-        /// the bound shrinks by this factor an iteration,
-        shrink: f64 = 0.8, Between(0.01, 1.0);
+        max_distance: Length = Length::Voxels(4.0), UpTo(LONGEST);
+        /// once the pose has settled within it, the bound shrinks by this factor an iteration,
+        shrink: f64 = 0.8, Between(0.01, 0.99);
         /// down to this.
-        final_distance: Length = Length::Voxels(1.5), Positive;
+        final_distance: Length = Length::Voxels(1.5), UpTo(LONGEST);
         /// How residuals are weighted.
-        kernel: Kernel = Kernel::None, Any;
+        kernel: Kernel = Kernel::None, OneOf(Kernel::NAMES);
         /// The kernel's scale as a share of the current bound.
         kernel_scale: f64 = 0.3, Positive;
         /// Share of the pairs kept, the closest; 1: all.
@@ -182,12 +186,12 @@ section! {
 section! {
     /// Verification and verdict.
     pub struct VerifyConfig("verify") {
-        /// The seed paper's inlier distance, metres, for its metrics.
+        /// The paper's inlier distance, metres, for its metrics alone: the verdict does not use it.
         inlier_distance: f64 = 0.5, Positive;
         /// A query point overlaps the map where map surface lies within this distance.
-        overlap_distance: Length = Length::Voxels(1.5), Positive;
+        overlap_distance: Length = Length::Voxels(1.5), UpTo(LONGEST);
         /// And fits finely within this distance of its tangent plane.
-        fine_tolerance: Length = Length::Voxels(0.25), Positive;
+        fine_tolerance: Length = Length::Voxels(0.25), UpTo(LONGEST);
         /// Overlap below which nothing is called located.
         min_overlap: f64 = 0.5, Between(0.0, 1.0);
         /// Share of the overlapping points that must fit finely.
@@ -199,14 +203,16 @@ section! {
         /// Information (a pair's share) below which a direction is unobservable.
         min_information: f64 = 0.01, Between(0.0, 1.0);
         /// Refined poses nearer than this are one place, if
-        merge_distance: Length = Length::Voxels(4.0), NonNegative;
+        merge_distance: Length = Length::Voxels(1.5), Between(0.0, LONGEST);
         /// they also differ by less than this angle, degrees.
-        merge_angle: f64 = 10.0, Between(0.0, 180.0);
+        merge_angle: f64 = 5.0, Between(0.0, 180.0);
         /// Query points used at most, evenly drawn; 0: all.
         max_points: usize = 8_000, Any;
         /// Prepared query points below which the answer is `insufficient`.
         min_points: usize = 100, Any;
-        /// Hypotheses that are refined to the end.
+        /// Hypotheses that are refined to the end: those of which, at first sight, most of the query lies
         refined: usize = 8, Between(1.0, 1000.0);
+        /// within this distance of the map.
+        first_look_distance: Length = Length::Voxels(3.0), UpTo(LONGEST);
     }
 }

@@ -74,11 +74,7 @@ impl NdtCells {
     /// that share a face or a corner with it.
     pub(super) fn around(&self, p: [f64; 3], neighbours: usize, mut each: impl FnMut(&NdtCell)) {
         let c = cell_of(p, self.size);
-        let offsets = match neighbours {
-            0..7 => &NEIGHBOURS[..1],
-            7..27 => &NEIGHBOURS[..7],
-            _ => &NEIGHBOURS[..],
-        };
+        let offsets = &NEIGHBOURS[..neighbours.clamp(1, NEIGHBOURS.len())];
         for o in offsets {
             let key = [
                 c[0].saturating_add(o[0]),

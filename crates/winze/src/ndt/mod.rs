@@ -5,7 +5,7 @@
 //! `−d1 exp(−d2/2 · xᵀΣ⁻¹x)` (equations 6.8 to 6.10), with an analytic gradient and Hessian and Newton
 //! steps under a line search, from coarse cells to fine ones: no single resolution decides.
 //!
-//! [`NdtForm::Plain`] is the seed paper's form: the bare Gaussian and gradient ascent.
+//! [`NdtForm::Plain`] is the paper's form: the bare Gaussian and gradient ascent.
 
 mod cells;
 
@@ -13,6 +13,7 @@ pub use cells::{NdtCell, NdtCells};
 
 use crate::config::{NdtConfig, NdtForm};
 use crate::eigen3::Symmetric3;
+use crate::icp;
 use crate::parallel;
 use crate::pose::Pose;
 use crate::prepare::Surface;
@@ -52,6 +53,14 @@ pub fn align(
         refined.pairs = problem.derivatives(&pose).count;
     }
     refined.map_from_query = pose.from_between_origins(map.origin, query.origin);
+    let reach = 0.5 * config.finest.metres(map.voxel);
+    refined.information = icp::information(
+        map,
+        query,
+        &refined.map_from_query,
+        reach,
+        config.max_points,
+    );
     refined
 }
 

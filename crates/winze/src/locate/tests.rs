@@ -1,0 +1,153 @@
+use super::*;
+use crate::test_world::{cloud, drift};
+
+/// A rough drift of 30 m, and the middle of it measured again, in a frame of its own.
+fn pair(seed: u64) -> (Vec<[f64; 3]>, Cloud, Pose) {
+    let query_from_map = Pose::from_rotation_vector([0.3, -0.2, 2.0], [40.0, -7.0, 3.0]);
+    let part: Vec<[f64; 3]> = drift(60_000, 30.0, 0.4, 0.01, seed + 100)
+        .iter()
+        .filter(|p| p[0] > 8.0 && p[0] < 20.0)
+        .map(|p| query_from_map.transform(*p))
+        .collect();
+    let map = drift(60_000, 30.0, 0.4, 0.01, seed);
+    (map, cloud(&part), query_from_map.inverse())
+}
+
+fn by(map: &Cloud, query: &Cloud, request: &Request<'_>) -> Outcome {
+    locate_by(map, query, &Config::default(), request).unwrap()
+}
+
+#[test]
+fn a_twin_makes_every_method_that_searches_ambiguous() {
+    let (one, query, truth) = pair(1);
+    let both: Vec<[f64; 3]> = one
+        .iter()
+        .copied()
+        .chain(
+            drift(60_000, 30.0, 0.4, 0.01, 7)
+                .iter()
+                .map(|p| [p[0], p[1] + 25.0, p[2]]),
+        )
+        .collect();
+    let (one, both) = (cloud(&one), cloud(&both));
+    for method in Method::ALL.into_iter().filter(|m| m.uses_features()) {
+        let request = Request {
+            method,
+            ..Request::default()
+        };
+        let outcome = by(&one, &query, &request);
+        assert_eq!(
+            outcome.verdict,
+            Verdict::Located,
+            "{method:?}: {}",
+            outcome.reason
+        );
+        let error = outcome.error(&truth, &query).unwrap();
+        assert!(
+            error.translation < 0.2 && error.rotation < 0.05,
+            "{error:?}"
+        );
+        let outcome = by(&both, &query, &request);
+        assert_eq!(
+            outcome.verdict,
+            Verdict::Ambiguous,
+            "{method:?}: {}",
+            outcome.reason
+        );
+        assert!(outcome.hypotheses.len() > 1);
+    }
+}
+
+#[test]
+fn a_bare_tube_is_never_located() {
+    let bare = |n, seed| drift(n, 40.0, 0.0, 0.005, seed);
+    let part: Vec<[f64; 3]> = bare(80_000, 2)
+        .into_iter()
+        .filter(|p| p[0] > 12.0 && p[0] < 27.0)
+        .collect();
+    let outcome = by(&cloud(&bare(80_000, 1)), &cloud(&part), &Request::default());
+    assert_ne!(outcome.verdict, Verdict::Located, "{}", outcome.reason);
+}
+
+#[test]
+fn what_is_known_beforehand_holds_for_the_answer_too() {
+    let (map, query, truth) = pair(1);
+    let map = cloud(&map);
+    let at = truth.transform(query.centroid().unwrap());
+    let mut config = Config::default();
+    config.ransac.max_samples = 200_000;
+    config.scale.tries = 1;
+    let by = |map: &Cloud, query: &Cloud, request: &Request<'_>| {
+        locate_by(map, query, &config, request).unwrap()
+    };
+    for method in [Method::Auto, Method::Fpfh, Method::NdtIcp] {
+        let near = |centre| Request {
+            method,
+            initial: Some(truth),
+            near: Some(Near {
+                centre,
+                radius: 3.0,
+            }),
+            ..Request::default()
+        };
+        assert_eq!(by(&map, &query, &near(at)).verdict, Verdict::Located);
+        let elsewhere = by(&map, &query, &near([at[0] + 6.0, at[1], at[2]]));
+        assert_ne!(elsewhere.verdict, Verdict::Located, "{method:?}");
+        // The query's frame lies on its side.
+        let upright = Request {
+            gravity_aligned: true,
+            near: None,
+            ..near(at)
+        };
+        assert_ne!(by(&map, &query, &upright).verdict, Verdict::Located);
+    }
+    let nowhere = Request {
+        near: Some(Near {
+            centre: [1e5, 0.0, 0.0],
+            radius: 4.0,
+        }),
+        ..Request::default()
+    };
+    assert!(matches!(
+        locate_by(&map, &query, &Config::default(), &nowhere),
+        Err(Error::EmptyRegion { .. })
+    ));
+}
+
+#[test]
+fn a_sparse_query_is_insufficient_and_no_fault_of_the_map() {
+    let (map, _, _) = pair(1);
+    let thin: Vec<[f64; 3]> = map.iter().step_by(60).copied().collect();
+    let ten: Vec<[f64; 3]> = (0..10).map(|i| [2.0 * f64::from(i), 0.1, 0.0]).collect();
+    let outcome = by(&cloud(&thin), &cloud(&ten), &Request::default());
+    assert_eq!(outcome.verdict, Verdict::Insufficient, "{}", outcome.reason);
+    let few = locate(&cloud(&ten), &cloud(&thin), &Config::default());
+    assert_eq!(few.unwrap_err(), Error::EmptyMap { points: 10 });
+}
+
+#[test]
+fn range_limits_that_leave_nothing_are_named() {
+    let (map, query, _) = pair(1);
+    let mut config = Config::default();
+    config.prepare.max_range = 0.01;
+    let outcome = locate(&cloud(&map), &query, &config).unwrap();
+    assert_eq!(outcome.verdict, Verdict::Insufficient);
+    assert!(outcome.reason.contains("range"), "{}", outcome.reason);
+}
+
+#[test]
+fn other_rock_on_the_same_plan_is_refused_at_every_scale() {
+    let (_, query, _) = pair(1);
+    let other = drift(60_000, 30.0, 0.4, 0.01, 1)
+        .iter()
+        .map(|p| {
+            [
+                p[0],
+                p[1],
+                p[2] + 0.35 * (3.0 * p[0]).sin() * (2.0 * p[1]).cos(),
+            ]
+        })
+        .collect::<Vec<_>>();
+    let outcome = by(&cloud(&other), &query, &Request::default());
+    assert_ne!(outcome.verdict, Verdict::Located, "{}", outcome.reason);
+}
