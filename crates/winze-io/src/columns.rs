@@ -1,7 +1,7 @@
 //! Which columns of a file hold the coordinates and the intensity.
 
 /// Names under which an intensity goes, best first, in lower case and without CloudCompare's
-/// `scalar_`.
+/// `scalar_`. A bare `i` comes last: it may as well be the number of the point.
 const INTENSITY: [&str; 7] = [
     "intensity",
     "intensities",
@@ -136,6 +136,24 @@ mod tests {
                 .intensity,
             Some(4)
         );
+    }
+
+    #[test]
+    fn a_bare_i_is_an_intensity_only_where_nothing_better_is() {
+        for (list, expected) in [
+            ("i x y z", Some(0)),
+            ("I x y z", Some(0)),
+            ("i x y z intensity", Some(4)),
+            ("i x y z scalar_Intensity", Some(4)),
+            ("x y z i Reflectance", Some(4)),
+            ("x y z index", None),
+        ] {
+            assert_eq!(
+                Columns::find(&names(list)).unwrap().intensity,
+                expected,
+                "{list}"
+            );
+        }
     }
 
     #[test]

@@ -52,6 +52,13 @@ pub enum Error {
         file: String,
     },
 
+    /// A file that is not to be changed where one should be written.
+    #[error("{file}: is read-only; make it writable, or name another file")]
+    ReadOnly {
+        /// The path, as given.
+        file: String,
+    },
+
     /// Neither the name nor the content tells the format, or the format cannot be written.
     #[error("{file}: unknown format; known are {known}")]
     UnknownFormat {

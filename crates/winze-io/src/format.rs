@@ -3,6 +3,8 @@
 use std::fmt;
 use std::path::Path;
 
+use crate::error::{Error, Result};
+
 /// A family of point cloud files.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Format {
@@ -29,7 +31,7 @@ pub enum Encoding {
 pub(crate) const READABLE: &str = ".pcd, .ply, .xyz, .txt, .csv, .asc, .pts";
 
 /// Extensions that can be written.
-pub(crate) const WRITABLE: &str = ".pcd, .ply, .xyz, .txt, .csv, .asc";
+const WRITABLE: &str = ".pcd, .ply, .xyz, .txt, .csv, .asc";
 
 impl Format {
     /// The format that a file's extension names, in capitals or not.
@@ -41,6 +43,21 @@ impl Format {
             "xyz" | "txt" | "csv" | "asc" | "pts" => Some(Self::Text),
             _ => None,
         }
+    }
+
+    /// The format that [`write_cloud`](crate::write_cloud) would write to `path`. For a look before
+    /// the work whose outcome is to be written.
+    ///
+    /// # Errors
+    /// Where the extension names no format that can be written. `.pts` is one: it promises colours
+    /// or intensities by position, so it is read but not written.
+    pub fn for_writing(path: &Path) -> Result<Self> {
+        Self::from_extension(path)
+            .filter(|_| extension(path).is_some_and(|e| e != "pts"))
+            .ok_or_else(|| Error::UnknownFormat {
+                file: path.display().to_string(),
+                known: WRITABLE,
+            })
     }
 
     /// The format that the first bytes show. `None` for binary data of another kind.
@@ -108,6 +125,25 @@ mod tests {
         );
         assert_eq!(Format::from_extension(Path::new("b.laz")), None);
         assert_eq!(Format::from_extension(Path::new("pcd")), None);
+    }
+
+    #[test]
+    fn not_all_that_is_read_can_be_written() {
+        for (name, expected) in [
+            ("a/b.PCD", Format::Pcd),
+            ("b.ply", Format::Ply),
+            ("b.csv", Format::Text),
+            ("b.asc", Format::Text),
+        ] {
+            assert_eq!(Format::for_writing(Path::new(name)).unwrap(), expected);
+        }
+        for name in ["b.pts", "b.PTS", "b.las", "b", "pcd", ""] {
+            let error = Format::for_writing(Path::new(name)).unwrap_err();
+            assert_eq!(
+                error.to_string(),
+                format!("{name}: unknown format; known are .pcd, .ply, .xyz, .txt, .csv, .asc")
+            );
+        }
     }
 
     #[test]

@@ -10,7 +10,8 @@
 /// The longest match, 7 + 255 + 2 bytes, takes three bytes of input.
 const LONGEST_MATCH: usize = 264;
 
-/// No stream can grow by more than this.
+/// No stream can grow by more than this: 88 times. A claim below it may be true, so this is also how
+/// much a hostile file can make a reader unpack for each of its bytes.
 pub(crate) const MOST_EXPANSION: usize = LONGEST_MATCH / 3;
 
 const FURTHEST: usize = 1 << 13;

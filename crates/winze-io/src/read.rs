@@ -88,8 +88,9 @@ pub struct ReadReport {
 /// Reads a cloud. The format is the one the file's extension names, else the one its first bytes
 /// show.
 ///
-/// A cut text file cannot be told from a whole one, nor can an ascii PCD or PLY that was cut
-/// within its very last number. All other truncations are errors.
+/// An ascii file that was cut within its very last number cannot be told from a whole one, nor can a
+/// text file that was cut at the end of a line, unless its first line announces how many points
+/// there are. All other truncations are errors.
 ///
 /// # Errors
 /// Where the file cannot be read, breaks the rules of its format, is cut short, or where

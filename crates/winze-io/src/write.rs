@@ -6,7 +6,7 @@ use std::path::Path;
 use winze::Cloud;
 
 use crate::error::{Error, Result};
-use crate::format::{Encoding, Format, WRITABLE, extension};
+use crate::format::{Encoding, Format, extension};
 use crate::{atomic, pcd, ply, text};
 
 /// How to write a file.
@@ -40,21 +40,12 @@ pub struct WriteReport {
 /// warnings say so.
 ///
 /// # Errors
-/// Where the extension names no format that can be written, the format does not know the encoding,
-/// or the file cannot be written.
+/// Where the extension names no format that can be written ([`Format::for_writing`] tells that ahead),
+/// the format does not know the encoding, or the file cannot be written.
 pub fn write_cloud(path: &Path, cloud: &Cloud, options: &WriteOptions) -> Result<WriteReport> {
-    let file = path.display().to_string();
-    // A PTS file promises colours or intensities by position, so it is read but not written.
-    let extension = extension(path).filter(|e| e != "pts");
-    let format = extension
-        .as_ref()
-        .and_then(|_| Format::from_extension(path))
-        .ok_or_else(|| Error::UnknownFormat {
-            file: file.clone(),
-            known: WRITABLE,
-        })?;
-    let encoding = encoding(format, options, &file)?;
-    let commas = extension.as_deref() == Some("csv");
+    let format = Format::for_writing(path)?;
+    let encoding = encoding(format, options, &path.display().to_string())?;
+    let commas = extension(path).as_deref() == Some("csv");
     let mut bytes = 0;
     atomic::write(path, |w| {
         let mut counter = Counter { inner: w, bytes: 0 };

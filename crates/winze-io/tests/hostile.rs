@@ -126,7 +126,15 @@ fn pcd_headers_that_lie_are_refused_at_once() {
         ),
         (
             "SIZE 4 4 4 4\nWIDTH 4000000000\nHEIGHT 4000000000",
-            "12 points",
+            "line 5: WIDTH times HEIGHT says 16000000000000000000 but the file holds 12 points",
+        ),
+        (
+            "SIZE 4 4 4 4\nWIDTH 8589934592\nHEIGHT 8589934592",
+            "line 5: WIDTH 8589934592 times HEIGHT 8589934592 is more than any file holds",
+        ),
+        (
+            "SIZE 4 4 4 4\nWIDTH 1\nHEIGHT 1\nPOINTS 100",
+            "line 7: POINTS says 100 but the file holds 12 points",
         ),
         (
             "SIZE 4 4 4 4\nWIDTH 4000000000",
@@ -152,12 +160,9 @@ fn pcd_headers_that_lie_are_refused_at_once() {
         ),
     ] {
         for data in ["ascii", "binary", "binary_compressed"] {
-            if let Err(error) = read(&pcd(lines, data, &body), Format::Pcd) {
-                let text = error.to_string();
-                assert!(data != "binary" || text.contains(expected), "{text}");
-            } else {
-                assert_eq!(lines, "SIZE 4 4 4 4\nWIDTH 4000000000\nHEIGHT 4000000000");
-            }
+            let error = read(&pcd(lines, data, &body), Format::Pcd).unwrap_err();
+            let text = error.to_string();
+            assert!(data != "binary" || text.contains(expected), "{text}");
         }
     }
 }

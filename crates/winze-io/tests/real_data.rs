@@ -1,9 +1,10 @@
 //! Real clouds, from the folder in the environment variable `WINZE_DATA`, by default
-//! `../shared/data` from the project's root. Where there is none these tests are ignored.
+//! `../shared/data`, both from the project's root. Where there is none these tests are ignored.
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
-use std::path::PathBuf;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 
 use winze_io::{
     CloudFile, Encoding, ReadOptions, WriteOptions, read_cloud, read_cloud_bytes, read_transform,
@@ -11,12 +12,26 @@ use winze_io::{
 };
 
 fn path(name: &str) -> PathBuf {
-    std::env::var_os("WINZE_DATA")
-        .map_or_else(
-            || PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"),
-            PathBuf::from,
-        )
-        .join(name)
+    let named = std::env::var_os("WINZE_DATA");
+    folder(named.as_deref().unwrap_or("../shared/data".as_ref())).join(name)
+}
+
+/// A folder, by its place from the project's root or from that of the file system.
+fn folder(from_root: &OsStr) -> PathBuf {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../..")
+        .join(from_root);
+    folder
+        .canonicalize()
+        .unwrap_or_else(|e| panic!("WINZE_DATA: {}: {e}", folder.display()))
+}
+
+#[test]
+fn a_relative_folder_is_taken_from_the_root() {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    for named in ["crates/winze-io".as_ref(), here.as_os_str()] {
+        assert_eq!(folder(named), here.canonicalize().unwrap());
+    }
 }
 
 fn read(name: &str) -> CloudFile {

@@ -102,7 +102,8 @@ fn binary(header: &mut Header, columns: Columns, bytes: &[u8]) -> Result<Points,
     })
 }
 
-/// Compressed data is stored a field at a time, not a point at a time.
+/// Compressed data is stored a field at a time, not a point at a time. Of the unpacked fields only
+/// coordinates and intensity are made numbers, each right in its place in the points.
 fn compressed(header: &mut Header, columns: Columns, bytes: &[u8]) -> Result<Points, Fault> {
     let body = bytes.get(header.body..).unwrap_or_default();
     let place = Place::Byte(header.body);

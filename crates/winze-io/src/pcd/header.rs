@@ -72,6 +72,10 @@ impl Header {
             if end > LONGEST {
                 break;
             }
+            // Comments may be in any character set.
+            if line.trim_ascii_start().starts_with(b"#") {
+                continue;
+            }
             let number = i + 1;
             let Ok(text) = std::str::from_utf8(line) else {
                 return Err(Fault::malformed(
@@ -80,10 +84,8 @@ impl Header {
                 ));
             };
             let mut words = text.split_whitespace();
-            let keyword = match words.next() {
-                None => continue,
-                Some(word) if word.starts_with('#') => continue,
-                Some(word) => word,
+            let Some(keyword) = words.next() else {
+                continue;
             };
             let values: Vec<&str> = words.collect();
             if keyword == "DATA" {
@@ -103,13 +105,14 @@ impl Header {
         ))
     }
 
-    /// WIDTH times HEIGHT, where the file gives them.
+    /// WIDTH times HEIGHT, where the file gives a WIDTH.
     fn area(&self) -> Option<u64> {
         self.width?.checked_mul(self.height)
     }
 
     /// How many points to read where the data holds `held`: POINTS, or WIDTH times HEIGHT where
-    /// POINTS is absent or these fit the data better.
+    /// POINTS is absent or these are exactly what is held. Short of that, data that holds less than
+    /// POINTS is cut: a WIDTH that was left behind must not let it pass for a smaller cloud.
     pub(super) fn settle(&mut self, held: u64) -> Result<u64, Fault> {
         let area = self.area();
         let (claimed, source, line) = match (self.points, area) {
@@ -118,16 +121,16 @@ impl Header {
             (None, None) => (held, "the data", 0),
         };
         let other = area.unwrap_or(claimed);
-        let count = [claimed, other]
-            .into_iter()
-            .find(|&n| n == held)
-            .or_else(|| [claimed, other].into_iter().find(|&n| n < held))
-            .ok_or_else(|| {
-                Fault::truncated(
-                    Place::Line(line),
-                    format!("{source} says {claimed} but the file holds {held} points"),
-                )
-            })?;
+        let count = if other == held && held > 0 {
+            held
+        } else if claimed <= held {
+            claimed
+        } else {
+            return Err(Fault::truncated(
+                Place::Line(line),
+                format!("{source} says {claimed} but the file holds {held} points"),
+            ));
+        };
         if other != claimed {
             self.warnings.push(format!(
                 "POINTS says {claimed} but WIDTH times HEIGHT is {other}; {count} points are read"
@@ -230,6 +233,16 @@ impl<'a> Lines<'a> {
             .height
             .map(|v| values::number(v, "HEIGHT"))
             .transpose()?;
+        if let (Some((width, line)), Some((height, _))) = (width, height)
+            && width.checked_mul(height).is_none()
+        {
+            return Err(Fault::malformed(
+                Place::Line(line),
+                format!(
+                    "WIDTH {width} times HEIGHT {height} is more than any file holds; correct them"
+                ),
+            ));
+        }
         Ok(Header {
             fields,
             stride: byte,
@@ -303,7 +316,8 @@ mod tests {
             (5, 5, 5, 5, 0),
             (5, 7, 5, 5, 1),
             (5, 7, 7, 7, 1),
-            (5, 3, 4, 3, 1),
+            (5, 3, 3, 3, 1),
+            (0, 3, 3, 3, 1),
             (5, 5, 9, 5, 0),
             (5, 7, 6, 5, 1),
         ] {
@@ -314,6 +328,20 @@ mod tests {
                 "{points} {width} {held}"
             );
             assert_eq!(header.warnings.len(), warnings, "{:?}", header.warnings);
+        }
+        for (points, width, held) in [(100, 1, 3), (5, 3, 4), (5, 7, 4), (5, 0, 4), (5, 0, 0)] {
+            let error = header(points, width).settle(held).unwrap_err();
+            let text = error.of("map.pcd").to_string();
+            assert!(
+                text.contains(&format!(
+                    "line 10: POINTS says {points} but the file holds {held}"
+                )),
+                "{text}"
+            );
+            assert!(
+                text.ends_with("the file is cut short, copy it again"),
+                "{text}"
+            );
         }
         assert_eq!(
             header(4_000_000_000, 4_000_000_000)
@@ -349,6 +377,11 @@ mod tests {
             ),
             ("POINTS 2", "POINTS 99999999999999999999", "line 10: POINTS"),
             ("WIDTH 2", "WIDTH", "line 7: WIDTH ''"),
+            (
+                "WIDTH 2\nHEIGHT 1",
+                "WIDTH 8589934592\nHEIGHT 8589934592",
+                "line 7: WIDTH 8589934592 times HEIGHT 8589934592 is more than any file holds",
+            ),
             ("DATA ascii", "DATA zip", "line 11: DATA 'zip' is unknown"),
             ("DATA ascii", "", "without a DATA line"),
             ("FIELDS x y z", "", "no FIELDS line"),
@@ -370,8 +403,20 @@ mod tests {
 
     #[test]
     fn a_broken_viewpoint_is_a_warning() {
-        let header =
-            Header::parse(PLAIN.replace("0 0 0 1 0 0 0", "0 0 nan 1 0 0 0").as_bytes()).unwrap();
-        assert!(header.viewpoint.is_none() && header.warnings[0].contains("line 9: VIEWPOINT"));
+        for broken in ["0 0 nan 1 0 0 0", "0 0 0 x 1 0 0 0", "0 0 0 1 0 0"] {
+            let header = Header::parse(PLAIN.replace("0 0 0 1 0 0 0", broken).as_bytes()).unwrap();
+            assert_eq!(header.viewpoint, None, "{broken}");
+            assert!(header.warnings[0].contains("line 9: VIEWPOINT"));
+        }
+    }
+
+    #[test]
+    fn comments_may_be_in_any_character_set() {
+        let text = [b"  # Strecke S\xfcd\n", PLAIN.as_bytes()].concat();
+        let header = Header::parse(&text).unwrap();
+        assert_eq!((header.body, header.warnings.len()), (text.len(), 0));
+        let text = [b"Strecke S\xfcd\n", PLAIN.as_bytes()].concat();
+        let error = Header::parse(&text).unwrap_err().of("a.pcd").to_string();
+        assert!(error.contains("line 1: is not text"), "{error}");
     }
 }

@@ -95,8 +95,8 @@ pub(super) fn number((line, values): Values<'_>, keyword: &str) -> Result<(u64, 
 }
 
 pub(super) fn viewpoint(values: &[&str]) -> Option<[f64; 7]> {
-    let parsed: Vec<f64> = values.iter().filter_map(|w| w.parse().ok()).collect();
-    let seven: [f64; 7] = parsed.try_into().ok()?;
+    let parsed: Option<Vec<f64>> = values.iter().map(|w| w.parse().ok()).collect();
+    let seven: [f64; 7] = parsed?.try_into().ok()?;
     seven.iter().all(|v| v.is_finite()).then_some(seven)
 }
 

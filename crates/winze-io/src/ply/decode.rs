@@ -16,16 +16,21 @@ pub(crate) fn decode(bytes: &[u8]) -> Result<Raw, Fault> {
         .ok_or_else(|| no_vertices(&header.elements))?;
     let names: Vec<String> = vertex.properties.iter().map(|p| p.name.clone()).collect();
     let place = Place::Line(vertex.line);
-    let columns = Columns::find(&names).map_err(|problem| Fault::Malformed(place, problem))?;
-    let read = columns.xyz.into_iter().chain(columns.intensity);
-    for property in read.filter_map(|c| vertex.properties.get(c)) {
-        if let Kind::List { .. } = property.kind {
-            let problem = format!(
-                "property {} is a list where a number is needed",
-                property.name
-            );
-            return Err(Fault::Malformed(place, problem));
-        }
+    let mut columns = Columns::find(&names).map_err(|problem| Fault::Malformed(place, problem))?;
+    let list = |column: usize| {
+        let property = vertex.properties.get(column)?;
+        matches!(property.kind, Kind::List { .. }).then_some(&property.name)
+    };
+    if let Some(name) = columns.xyz.into_iter().find_map(list) {
+        let problem = format!("property {name} is a list where a number is needed");
+        return Err(Fault::Malformed(place, problem));
+    }
+    let mut warnings = Vec::new();
+    if let Some(name) = columns.intensity.and_then(list) {
+        warnings.push(format!(
+            "property {name} is a list; intensities are left out"
+        ));
+        columns.intensity = None;
     }
     point_count(vertex.count)?;
     let (points, intensity) = match header.data {
@@ -50,6 +55,7 @@ pub(crate) fn decode(bytes: &[u8]) -> Result<Raw, Fault> {
         .to_owned(),
         fields: names,
         points,
+        warnings,
         ..Raw::default()
     })
 }
@@ -292,6 +298,26 @@ mod tests {
         assert_eq!(raw.points, [[1.0, 2.0, 3.0]]);
         // Faces are not looked at, so they may be missing.
         assert!(decode(&file(&elements, "7\n8\n1 2 3\n")).is_ok());
+    }
+
+    #[test]
+    fn an_intensity_that_is_a_list_is_left_out() {
+        let elements = format!("element vertex 2\n{XYZ}property list uchar float intensity\n");
+        let ascii = file(&elements, "1 2 3 2 7 8\n4 5 6 0\n");
+        let head = format!("ply\nformat binary_little_endian 1.0\n{elements}end_header\n");
+        let mut binary = head.into_bytes();
+        for (xy, z, items) in [([1.0f32, 2.0], 3.0f64, 2), ([4.0, 5.0], 6.0, 0)] {
+            binary.extend(xy.map(f32::to_le_bytes).concat());
+            binary.extend(z.to_le_bytes());
+            binary.push(items);
+            binary.extend(vec![0; 4 * usize::from(items)]);
+        }
+        for bytes in [ascii, binary] {
+            let raw = decode(&bytes).unwrap();
+            assert_eq!(raw.points, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]);
+            assert_eq!(raw.intensity, None);
+            assert!(raw.warnings[0].contains("property intensity is a list"));
+        }
     }
 
     #[test]

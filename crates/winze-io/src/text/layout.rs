@@ -6,6 +6,10 @@ use crate::columns::{self, Columns};
 use crate::error::{Fault, Place};
 use crate::lines::{blank_separated, number};
 
+/// The names and the first numbers stand in lines no longer than this. Such a line is held a column
+/// at a time, which takes many times its own size.
+const LONGEST: usize = 64 * 1024;
+
 /// What stands between two columns.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Delimiter {
@@ -22,8 +26,8 @@ pub(super) struct Layout {
     pub(super) names: Vec<String>,
     /// Where the first line of numbers begins.
     pub(super) body: usize,
-    /// The number of points that the first line announces.
-    pub(super) announced: Option<u64>,
+    /// The number of points that the first line announces, with the line's number.
+    pub(super) announced: Option<(u64, usize)>,
 }
 
 impl Delimiter {
@@ -97,20 +101,28 @@ impl Layout {
         let mut header: Option<Vec<String>> = None;
         let lines = bytes.get(body..).unwrap_or_default();
         for (i, line) in lines.split_inclusive(|&b| b == b'\n').enumerate() {
+            let place = Place::Line(i + 1);
             let content = line.trim_ascii();
             if is_comment(content) {
-                let names = names(after_marker(content));
-                comment = Columns::find(&names).ok().map(|_| names).or(comment);
+                if content.len() <= LONGEST {
+                    let names = names(after_marker(content));
+                    comment = Columns::find(&names).ok().map(|_| names).or(comment);
+                }
+            } else if content.len() > LONGEST {
+                return Err(Fault::malformed(
+                    place,
+                    "is longer than 64 KiB; a text cloud has one point a line, x y z",
+                ));
             } else if !content.is_empty() {
                 let delimiter = Delimiter::detect(content);
                 let tokens = delimiter.tokens(content);
-                let first = tokens.first().copied().unwrap_or_default();
-                if tokens.len() == 1 && announced.is_none() && header.is_none() && is_count(first) {
-                    announced = std::str::from_utf8(first).ok().and_then(|t| t.parse().ok());
-                } else if header.is_none() && delimiter.number(first).is_none() {
-                    let row = names(content);
-                    Columns::find(&row)
-                        .map_err(|problem| Fault::Malformed(Place::Line(i + 1), problem))?;
+                let unsettled = announced.is_none() && header.is_none();
+                if let Some(count) = count(&tokens).filter(|_| unsettled) {
+                    announced = Some((count, i + 1));
+                } else if header.is_none()
+                    && let Some(row) = header_names(delimiter, &tokens, content)
+                        .map_err(|problem| Fault::Malformed(place, problem))?
+                {
                     header = Some(row);
                 } else {
                     // A comment is taken for names only if it fits: it may as well be prose.
@@ -127,7 +139,50 @@ impl Layout {
             }
             body += line.len();
         }
+        check_count(announced, 0)?;
         Err(Fault::Empty)
+    }
+
+    /// Refuses a file that holds fewer points than it announces.
+    pub(super) fn check_held(&self, held: usize) -> Result<(), Fault> {
+        check_count(self.announced, held)
+    }
+}
+
+fn check_count(announced: Option<(u64, usize)>, held: usize) -> Result<(), Fault> {
+    match announced {
+        Some((count, line)) if count > held as u64 => Err(Fault::truncated(
+            Place::Line(line),
+            format!("announces {count} points but the file holds {held}"),
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// The names in the first line that is no comment, if it is one of names: where a column has the
+/// name x, and so on, or where the first token is no number. That one may be absent: some programs
+/// give a column of row numbers no name.
+fn header_names(
+    delimiter: Delimiter,
+    tokens: &[&[u8]],
+    content: &[u8],
+) -> Result<Option<Vec<String>>, String> {
+    let is_word = |token: &&[u8]| delimiter.number(token).is_none();
+    if !tokens.iter().any(is_word) {
+        return Ok(None);
+    }
+    let row = names(content);
+    match Columns::find(&row) {
+        Ok(_) => Ok(Some(row)),
+        Err(problem) => {
+            let first = tokens.iter().find(|token| !bare(token).is_empty());
+            // A word further on is a label beside a point, or a point gone wrong.
+            if first.is_some_and(is_word) {
+                Err(problem)
+            } else {
+                Ok(None)
+            }
+        }
     }
 }
 
@@ -152,8 +207,16 @@ fn after_marker(line: &[u8]) -> &[u8] {
     start.and_then(|at| line.get(at..)).unwrap_or_default()
 }
 
-fn is_count(token: &[u8]) -> bool {
-    !token.is_empty() && token.iter().all(u8::is_ascii_digit)
+/// The number in a line that holds nothing but digits; one beyond all files saturates.
+fn count(tokens: &[&[u8]]) -> Option<u64> {
+    let &[digits] = tokens else {
+        return None;
+    };
+    if digits.is_empty() || !digits.iter().all(u8::is_ascii_digit) {
+        return None;
+    }
+    let text = std::str::from_utf8(digits).ok()?;
+    Some(text.parse().unwrap_or(u64::MAX))
 }
 
 /// A token without blanks and quotes around it.
@@ -199,8 +262,36 @@ mod tests {
     #[test]
     fn the_body_starts_at_the_first_numbers() {
         let layout = Layout::detect(b"# hello\n\n3\n1;2;3\n").unwrap();
-        assert_eq!((layout.body, layout.announced), (11, Some(3)));
+        assert_eq!((layout.body, layout.announced), (11, Some((3, 3))));
         assert_eq!(layout.delimiter, Delimiter::Semicolon);
+    }
+
+    #[test]
+    fn first_lines_are_not_taken_apart_whatever_their_length() {
+        let most = LONGEST - "x,y,z".len();
+        let names = format!("x,y,z{}\n1,2,3\n", ",".repeat(most));
+        assert_eq!(
+            Layout::detect(names.as_bytes()).unwrap().names.len(),
+            most + 3
+        );
+        for text in [
+            format!("\nx,y,z{}\n1,2,3\n", ",".repeat(most + 1)),
+            format!("\n1,2,3{}\n", ",".repeat(4_000_000)),
+            format!("# x y z\n{}", "1 ".repeat(2_000_000)),
+            format!("7\n{}", "1".repeat(4_000_000)),
+        ] {
+            let error = Layout::detect(text.as_bytes()).unwrap_err().of("a.csv");
+            assert_eq!(
+                error.to_string(),
+                "a.csv: line 2: is longer than 64 KiB; a text cloud has one point a line, x y z"
+            );
+        }
+        // A long comment is passed over like all others.
+        let prose = format!("# x y z{}\n1 2 3\n", " and so on".repeat(100_000));
+        assert_eq!(
+            Layout::detect(prose.as_bytes()).unwrap().names,
+            ["x", "y", "z"]
+        );
     }
 
     #[test]

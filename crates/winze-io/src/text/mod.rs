@@ -3,15 +3,16 @@
 //! * Columns stand between blanks or tabs, commas, or semicolons; whichever the first line of
 //!   numbers shows. Between semicolons, `1,5` is one and a half.
 //! * Columns are named by a row of names above the numbers, or by a comment that has as many names
-//!   as there are columns; units in brackets and quotes are ignored. Without names the first three
-//!   columns are x, y and z, and **no other column is read**: a fourth one may be an intensity, a
-//!   colour, a time or a label, and only a name can tell.
+//!   as there are columns; units in brackets and quotes are ignored. A column of row numbers may be
+//!   without a name. Without any names the first three columns are x, y and z, and **no other column
+//!   is read**: a fourth one may be an intensity, a colour, a time or a label, and only a name can
+//!   tell.
 //! * Lines that are blank or start with `#` or `//` are passed over; so is a count of points on
 //!   the first line.
 //! * `nan`, `inf` and, between commas or semicolons, nothing at all are coordinates without a
 //!   value. Anything else that is not a number is an error: a file of text that was cut short or
-//!   mangled should not pass for a smaller cloud. (One cut at the end of a line cannot be told
-//!   from a whole one.)
+//!   mangled should not pass for a smaller cloud. So is a count on the first line with fewer points
+//!   below it. (Without a count, a file cut at the end of a line cannot be told from a whole one.)
 
 mod layout;
 
@@ -47,9 +48,10 @@ pub(crate) fn decode(bytes: &[u8]) -> Result<Raw, Fault> {
     })?;
     let mut warnings = Vec::new();
     let held = rows.points.len();
-    if let Some(announced) = layout.announced.filter(|&n| n != held as u64) {
+    layout.check_held(held)?;
+    if let Some((announced, line)) = layout.announced.filter(|&(n, _)| n != held as u64) {
         warnings.push(format!(
-            "the first line announces {announced} points but the file holds {held}"
+            "line {line} announces {announced} points but the file holds {held}; all are read"
         ));
     }
     Ok(Raw {
@@ -115,6 +117,9 @@ mod tests {
             "//T Z Y X Scalar_Intensity\n0 3 2 1 7\n",
             "\"time [s]\";\"z [m]\";\"y [m]\";\"x (m)\";\"intensity\"\n0;3;2;1;7\n",
             "# t [s] z [m] y [m] x [m] i\n0 3 2 1 7\n",
+            ",z,y,x,intensity\n0,3,2,1,7\n",
+            "\"\";z;y;x;intensity\r\n0;3;2;1;7\r\n",
+            "0,z,y,x,intensity\n0,3,2,1,7\n",
             "# made on Monday\n\ntime z y x reflectance\n0 3 2 1 7\n",
         ] {
             let raw = decode(text.as_bytes()).unwrap();
@@ -127,6 +132,7 @@ mod tests {
     fn a_fourth_column_without_a_name_is_not_an_intensity() {
         let raw = decode(b"# scan of x y z\n1 2 3 4\n").unwrap();
         assert_eq!((raw.points, raw.intensity), (vec![[1.0, 2.0, 3.0]], None));
+        assert_eq!(points("1 2 3 wall\n4 5 6 roof\n").len(), 2);
     }
 
     #[test]
@@ -145,6 +151,7 @@ mod tests {
         assert!(message("1 2 3\n4 5\n").contains("line 2: 2 columns where 3 are needed"));
         assert!(message("1 2 3\n4 5 \x07\u{1b}[31m\n").contains("'??[31m' is not a number"));
         assert!(message("a,b,c\n1,2,3\n").contains("line 1: the columns are a, b, c"));
+        assert!(message(",b,c,d\n0,1,2,3\n").contains("line 1: the columns are , b, c, d"));
         assert!(message("1,5 2,5 3,5\n").contains("line 1: '5 2' is not a number"));
         assert!(message("7\n8\n9\n").contains("line 2: 1 columns where 3"));
         assert!(message("1 2 3\nx y z\n").contains("line 2: 'x' is not a number"));
@@ -153,7 +160,7 @@ mod tests {
 
     #[test]
     fn a_file_without_points_is_an_error() {
-        for text in ["", "\n\n", "# x y z\n", "x,y,z\n", "12\n", "\u{feff}"] {
+        for text in ["", "\n\n", "# x y z\n", "x,y,z\n", "0\n", "\u{feff}"] {
             assert!(message(text).contains("holds no points"), "{text}");
         }
         assert!(
@@ -166,8 +173,21 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_count_is_a_warning() {
-        assert_eq!(decode(b"3\n1 2 3\n").unwrap().warnings.len(), 1);
+    fn fewer_points_than_announced_are_an_error_and_more_a_warning() {
+        assert_eq!(
+            message("3\n1 2 3\nnan 5 6\n"),
+            "a.xyz: line 1: announces 3 points but the file holds 2; the file is cut short, copy it again"
+        );
+        assert!(message("# of a scan\n12\n").contains("line 2: announces 12 points but"));
+        assert!(message("99999999999999999999\n1 2 3\n").contains("but the file holds 1"));
         assert!(decode(b"1\n1 2 3\n").unwrap().warnings.is_empty());
+        assert!(decode(b"2\n1 2 3\nnan 5 6\n").unwrap().warnings.is_empty());
+        let raw = decode(b"1\n1 2 3\n4 5 6\n").unwrap();
+        assert_eq!((raw.points.len(), raw.warnings.len()), (2, 1));
+        // A number that stands alone further down, or beside a sign or a point, is no count.
+        for text in ["x\n3\n", "3.0\n1 2 3\n", "+3\n1 2 3\n", "1 2 3\n9\n"] {
+            let error = decode(text.as_bytes()).unwrap_err();
+            assert!(matches!(error, Fault::Malformed(..)), "{text}: {error:?}");
+        }
     }
 }
