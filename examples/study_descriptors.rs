@@ -27,19 +27,20 @@ fn main() -> Result<()> {
     let map = read("jinchuan/map_2025-05-13.pcd")?;
     let in_map =
         read("jinchuan/query_2025-04-21.pcd")?.transformed(&truth("jinchuan/T_map_query.txt")?)?;
-    let pieces: Vec<(Cloud, Pose)> = (0..STATIONS)
+    let pieces: Result<Vec<(Cloud, Pose)>> = (0..STATIONS)
         .map(|s| {
-            // Stations along the drift, by the share of points passed.
+            // Stations along this drift, which runs nearly straight.
             let x = -10.0 + 3.4 * f64::from(s);
             let middle = [x, 2.5 - 0.1 * (x + 8.0), 1.0];
             let near = |p: [f64; 3]| {
                 (0..3).map(|a| (p[a] - middle[a]).powi(2)).sum::<f64>() < RADIUS * RADIUS
             };
             let frame = random_frame(u64::from(s));
-            let piece = part(&in_map, near).transformed(&frame).unwrap_or_default();
-            (piece, frame.inverse())
+            let piece = part(&in_map, near).transformed(&frame)?;
+            Ok((piece, frame.inverse()))
         })
         .collect();
+    let pieces = pieces?;
     println!(
         "voxel m | variant | signs | right correspondences | of all | share | best hypothesis right | some hypothesis right (of {STATIONS})"
     );

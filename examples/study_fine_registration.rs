@@ -11,10 +11,9 @@ mod common;
 
 use std::time::Instant;
 
-use common::{Result, folder_exists, quantile, read, truth};
+use common::{Result, folder_exists, off, quantile, read, truth};
 use winze::config::{Config, IcpConfig, IcpMetric, Length, NdtForm, PrepareConfig};
 use winze::prepare::{Surface, prepare};
-use winze::rng::Rng;
 use winze::{Cloud, Pose, icp, ndt, scale};
 
 fn main() -> Result<()> {
@@ -53,6 +52,7 @@ fn study(name: &str, map: &Cloud, query: &Cloud, truth: &Pose) -> Result<()> {
         ..config.prepare.clone()
     };
     let ball = prepare(map, &ball, voxel);
+    let cloud = query;
     let (map, query) = (
         prepare(map, &config.prepare, voxel),
         prepare(query, &config.prepare, voxel),
@@ -103,12 +103,7 @@ fn study(name: &str, map: &Cloud, query: &Cloud, truth: &Pose) -> Result<()> {
         let (mut metres, mut degrees, mut home) = (Vec::new(), Vec::new(), 0);
         let begun = Instant::now();
         for seed in 0..20 {
-            let mut rng = Rng::new(seed, 3);
-            let (shift, turn) = (
-                rng.direction().map(|v| 0.5 * v),
-                rng.direction().map(|v| v * 5f64.to_radians()),
-            );
-            let start = truth.perturbed(shift, turn, truth.transform(centroid));
+            let start = off(truth, cloud, seed);
             let error = align(&map, &query, &start).distance(truth, centroid);
             home += usize::from(error.translation < 0.05 && error.rotation < 0.5f64.to_radians());
             metres.push(error.translation);

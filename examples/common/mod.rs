@@ -1,6 +1,8 @@
 //! What the studies share: where the real clouds lie, and small statistics.
 #![allow(dead_code, unreachable_pub, reason = "each study uses a part")]
 
+pub mod mesh;
+
 use std::path::{Path, PathBuf};
 
 use winze::rng::Rng;
@@ -9,9 +11,14 @@ use winze_io::{ReadOptions, read_cloud, read_transform};
 
 pub type Result<T> = std::result::Result<T, Box<dyn std::error::Error + Send + Sync>>;
 
-/// The folder of the real clouds: `WINZE_DATA`, else `../shared/data`.
+/// The folder of the real clouds: `WINZE_DATA`, else `../shared/data`, taken from the project's root.
 pub fn data() -> PathBuf {
-    std::env::var_os("WINZE_DATA").map_or_else(|| PathBuf::from("../shared/data"), PathBuf::from)
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let folder = root.join(
+        std::env::var_os("WINZE_DATA")
+            .map_or_else(|| PathBuf::from("../shared/data"), PathBuf::from),
+    );
+    folder.canonicalize().unwrap_or(folder)
 }
 
 pub fn read(path: &str) -> Result<Cloud> {
@@ -31,6 +38,30 @@ pub fn random_frame(seed: u64) -> Pose {
         rng.range(-100.0, 100.0),
     ];
     Pose::from_rotation_vector(rng.attitude(), place)
+}
+
+/// The truth moved by 0.5 m and turned by 5° about the query's centroid, in seeded directions.
+pub fn off(truth: &Pose, query: &Cloud, seed: u64) -> Pose {
+    let mut rng = Rng::new(seed, 3);
+    let (shift, turn) = (
+        rng.direction().map(|v| 0.5 * v),
+        rng.direction().map(|v| v * 5f64.to_radians()),
+    );
+    truth.perturbed(
+        shift,
+        turn,
+        truth.transform(query.centroid().unwrap_or_default()),
+    )
+}
+
+/// Both halves of the Jinchuan query along the drift, which runs along the map's x there.
+pub fn halves(query: &Cloud, truth: &Pose) -> [Cloud; 2] {
+    let along: Vec<f64> = query.iter().map(|p| truth.transform(p)[0]).collect();
+    let middle = quantile(&along, 0.5);
+    [
+        part(query, |p| truth.transform(p)[0] < middle),
+        part(query, |p| truth.transform(p)[0] >= middle),
+    ]
 }
 
 /// The share `q` of the way through the sorted values; NaN where there are none.
@@ -76,7 +107,7 @@ impl Tally {
         }
     }
 
-    pub const HEAD: &str = "runs | located rightly | wrong accepts | best pose right | error m, median (max) | error deg, median (max) | inlier % | inlier RMSE m | seconds, median (max)";
+    pub const HEAD: &str = "runs | located rightly | wrong accepts | best pose right | error m, median (max) * | error deg, median (max) * | inlier % * | inlier RMSE m * | seconds, median (max)";
     pub const RULE: &str = "---|---|---|---|---|---|---|---|---";
 
     /// One row; errors and metrics over the runs whose pose was right.

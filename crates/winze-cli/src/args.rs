@@ -44,7 +44,7 @@ pub(crate) struct Global {
     #[arg(long, global = true, value_name = "KEY=VALUE")]
     pub(crate) set: Vec<String>,
     /// Seed of every random choice.
-    #[arg(long, global = true, value_name = "N")]
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub(crate) seed: Option<u64>,
 }
 
@@ -85,7 +85,7 @@ pub(crate) struct Locate {
     /// auto, or one of the paper's five: fpfh, fpfh+ndt, fpfh+icp, ndt+icp, fpfh+ndt+icp.
     #[arg(long, short, default_value_t = Method::Auto, value_name = "NAME")]
     pub(crate) method: Method,
-    /// Both clouds have z up to within a few degrees.
+    /// Both clouds have z up: poses that tilt by more than 10 degrees are refused.
     #[arg(long)]
     pub(crate) gravity_aligned: bool,
     /// The query's middle lies in this ball of the map's frame, metres.
@@ -146,10 +146,8 @@ fn threads(text: &str) -> Result<usize, String> {
 }
 
 fn near(text: &str) -> Result<Near, String> {
-    let numbers: Vec<f64> = text
-        .split(',')
-        .filter_map(|t| t.trim().parse().ok())
-        .collect();
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse()).collect();
+    let numbers = numbers.unwrap_or_default();
     match numbers[..] {
         [x, y, z, radius] if numbers.iter().all(|v| v.is_finite()) && radius > 0.0 => Ok(Near {
             centre: [x, y, z],
@@ -182,7 +180,15 @@ mod tests {
     fn regions_parse() {
         let n = near("1,-2.5, 3,10").unwrap();
         assert_eq!((n.centre, n.radius), ([1.0, -2.5, 3.0], 10.0));
-        for bad in ["", "1,2,3", "1,2,3,0", "1,2,x,4", "1,2,3,4,5", "1,2,3,inf"] {
+        for bad in [
+            "",
+            "1,2,3",
+            "1,2,3,0",
+            "1,2,x,4",
+            "1,2,3,4,5",
+            "1,2,3,inf",
+            "1,abc,2,3,400",
+        ] {
             assert!(near(bad).is_err(), "{bad}");
         }
     }

@@ -4,11 +4,26 @@ use std::process::ExitCode;
 
 use winze_io::{WriteOptions, write_cloud};
 
-use crate::args::Convert;
-use crate::locate::read;
+use crate::args::{Convert, Global};
+use crate::locate::{read, writable_format};
+use crate::output::check_outputs;
+use crate::progress::Progress;
 
-pub(crate) fn run(args: &Convert) -> anyhow::Result<ExitCode> {
+pub(crate) fn run(args: &Convert, global: &Global) -> anyhow::Result<ExitCode> {
+    writable_format(&args.output)?;
+    check_outputs(&[&args.output], &[&args.input])?;
+    let progress = Progress::new(global.quiet, 2);
+    progress.say("read");
     let file = read(&args.input)?;
+    let lost = file.report.unread_fields();
+    if !lost.is_empty() {
+        tracing::warn!(
+            "{}: coordinates and intensity are kept, these fields are not: {}",
+            args.output.display(),
+            lost.join(", ")
+        );
+    }
+    progress.say("write");
     let report = write_cloud(
         &args.output,
         &file.cloud,

@@ -2,22 +2,24 @@
 
 use std::process::ExitCode;
 
-use anyhow::Context as _;
+use std::path::Path;
+
+use anyhow::{Context as _, bail};
 use winze::{Request, outcome::Stage};
 use winze_io::{write_cloud, write_transform};
 use winze_report::{Document, Source};
 
 use crate::args::{Demo, Global, Locate};
 use crate::config;
-use crate::locate::{Answer, exit_code};
+use crate::locate::Answer;
 use crate::output::talk;
 use crate::progress::Progress;
 
 pub(crate) fn run(args: &Demo, global: &Global) -> anyhow::Result<ExitCode> {
     let config = config::effective(global)?;
-    let progress = Progress::new(global.quiet);
+    let progress = Progress::new(global.quiet, 13);
     let out = &args.out;
-    std::fs::create_dir_all(out).with_context(|| format!("{}: cannot be made", out.display()))?;
+    claim(out)?;
     if !global.quiet {
         talk("simulating a mine and a drive through it ...\n");
     }
@@ -46,6 +48,7 @@ pub(crate) fn run(args: &Demo, global: &Global) -> anyhow::Result<ExitCode> {
     let document = Document::new(
         &outcome,
         error.as_ref(),
+        (&request).into(),
         config::digest(&config)?,
         source(scene.map.len()),
         source(scene.query.len()),
@@ -71,9 +74,9 @@ pub(crate) fn run(args: &Demo, global: &Global) -> anyhow::Result<ExitCode> {
         picture: Some(out.join("before_and_after.png")),
         save_aligned: Some(out.join("aligned.pcd")),
     };
-    answer.write(&wanted)?;
     progress.finish();
     answer.tell(global.quiet, false)?;
+    answer.write(&wanted)?;
     if !global.quiet {
         talk(&format!(
             "\nlook at {0}/before_and_after.png or {0}/report.html; the same again from the files:\n  winze locate {1} {2} --truth {3}\n",
@@ -83,5 +86,34 @@ pub(crate) fn run(args: &Demo, global: &Global) -> anyhow::Result<ExitCode> {
             truth.display()
         ));
     }
-    Ok(exit_code(&outcome))
+    Ok(ExitCode::SUCCESS)
+}
+
+/// What is in a folder of the demo, and the sign that it is one.
+const CONTENTS: &str = "Made by `winze demo`, which writes over these files when it is run again.
+
+map.pcd               the prior map: a small simulated mine
+query.pcd             a drive through a part of it, in a frame of its own
+truth.txt             the true map_from_query, a 4x4 matrix that takes query points to the map
+outcome.json          the answer, for programs
+before_and_after.png  the answer, to look at
+report.html           a page with both
+aligned.pcd           the query as it lies in the map
+";
+const SIGN: &str = "README.txt";
+
+/// Makes the folder; one that holds somebody's own files is left alone.
+fn claim(out: &Path) -> anyhow::Result<()> {
+    let at = out.display();
+    std::fs::create_dir_all(out).with_context(|| format!("{at}: cannot be made"))?;
+    let empty = std::fs::read_dir(out)
+        .with_context(|| format!("{at}: cannot be read"))?
+        .next()
+        .is_none();
+    let ours = std::fs::read(out.join(SIGN)).is_ok_and(|t| t == CONTENTS.as_bytes());
+    if !empty && !ours {
+        bail!("{at}: holds other files; give --out a folder that is new or empty");
+    }
+    winze_io::atomic::write_bytes(&out.join(SIGN), CONTENTS.as_bytes())?;
+    Ok(())
 }

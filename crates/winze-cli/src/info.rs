@@ -7,9 +7,10 @@ use std::process::ExitCode;
 use serde::Serialize;
 use winze::scale;
 
-use crate::args::Info;
+use crate::args::{Global, Info};
 use crate::locate::read;
 use crate::output::print;
+use crate::progress::Progress;
 
 /// Facts about one file, as `--json` writes them.
 #[derive(Serialize)]
@@ -34,9 +35,12 @@ struct Facts {
     passage_width: Option<f64>,
 }
 
-pub(crate) fn run(args: &Info) -> anyhow::Result<ExitCode> {
+pub(crate) fn run(args: &Info, global: &Global) -> anyhow::Result<ExitCode> {
     for path in &args.files {
-        let facts = facts(path)?;
+        let progress = Progress::new(global.quiet, 2);
+        progress.say("read");
+        let facts = facts(path, &progress)?;
+        progress.finish();
         if args.json {
             print(&(serde_json::to_string(&facts)? + "\n"))?;
         } else {
@@ -46,8 +50,9 @@ pub(crate) fn run(args: &Info) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn facts(path: &Path) -> anyhow::Result<Facts> {
+fn facts(path: &Path, progress: &Progress) -> anyhow::Result<Facts> {
     let file = read(path)?;
+    progress.say("measure");
     let (cloud, r) = (file.cloud, file.report);
     let bounds = cloud.bounds(0.0);
     let measure = scale::measure(&cloud);

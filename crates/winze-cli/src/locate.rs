@@ -1,6 +1,6 @@
 //! `winze locate`: one answer.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -12,30 +12,38 @@ use winze_report::{Document, Source};
 
 use crate::args::{Global, Locate};
 use crate::config;
-use crate::output::{print, talk};
+use crate::output::{check_outputs, is_broken_pipe, print, talk};
 use crate::progress::Progress;
 
 pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
     let config = config::effective(global)?;
-    check_outputs(args)?;
-    let progress = Progress::new(global.quiet);
+    check(args, global)?;
+    let initial = args.initial.as_deref().map(read_transform).transpose()?;
+    let truth = args.truth.as_deref().map(read_transform).transpose()?;
+    if initial.is_some() && args.method.uses_features() {
+        bail!(
+            "--initial: the method {} does not start from a pose; give --method ndt+icp, or --near to say roughly where",
+            args.method
+        );
+    }
+    let progress = Progress::new(global.quiet, steps(args.method));
     let mut reading = Vec::new();
     let mut read_timed = |name: &str, path: &Path| -> anyhow::Result<CloudFile> {
         progress.say(name);
         let begun = Instant::now();
         let file = read(path)?;
-        reading.push(Stage {
+        let stage = Stage {
             name: name.into(),
             seconds: begun.elapsed().as_secs_f64(),
             count_in: file.report.points_in_file,
             count_out: file.cloud.len(),
-        });
+        };
+        progress.told(name, Some(&stage));
+        reading.push(stage);
         Ok(file)
     };
     let map = read_timed("read map", &args.map)?;
     let query = read_timed("read query", &args.query)?;
-    let initial = args.initial.as_deref().map(read_transform).transpose()?;
-    let truth = args.truth.as_deref().map(read_transform).transpose()?;
     let told = |name: &str, stage: Option<&Stage>| progress.told(name, stage);
     let request = Request {
         method: args.method,
@@ -44,7 +52,16 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
         near: args.near,
         progress: Some(&told),
     };
-    let mut outcome = winze::locate_by(&map.cloud, &query.cloud, &config, &request)?;
+    let mut outcome =
+        winze::locate_by(&map.cloud, &query.cloud, &config, &request).map_err(|e| {
+            let file =
+                matches!(e, winze::Error::EmptyMap { .. }).then(|| args.map.display().to_string());
+            let option = matches!(e, winze::Error::EmptyRegion { .. }).then(|| "--near".to_owned());
+            match file.or(option) {
+                Some(place) => anyhow::Error::new(e).context(place),
+                None => e.into(),
+            }
+        })?;
     outcome.seconds += reading.iter().map(|s| s.seconds).sum::<f64>();
     outcome.stages.splice(0..0, reading);
     let error = truth.and_then(|t| outcome.error(&t, &query.cloud));
@@ -56,11 +73,11 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
     let document = Document::new(
         &outcome,
         error.as_ref(),
+        (&request).into(),
         config::digest(&config)?,
         source(&args.map, &map),
         source(&args.query, &query),
     );
-    progress.say("write");
     let answer = Answer {
         map: &map.cloud,
         query: &query.cloud,
@@ -68,34 +85,43 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
         error,
         document,
     };
-    answer.write(args)?;
+    // Files last: a full disk must not cost the answer.
     progress.finish();
     answer.tell(global.quiet, args.json.as_deref() == Some(Path::new("-")))?;
+    answer.write(args)?;
     Ok(exit_code(&outcome))
 }
 
+/// Stages that a run by `method` has at one voxel size, with reading.
+fn steps(method: winze::Method) -> u64 {
+    let searched = if method.uses_features() { 5 } else { 0 };
+    let rivals = u64::from(method.uses_features() && method != winze::Method::Auto);
+    7 + searched + rivals + u64::from(method.uses_ndt()) + u64::from(method.uses_icp())
+}
+
 /// Refuses at once what could not be written in the end.
-fn check_outputs(args: &Locate) -> anyhow::Result<()> {
-    if let Some(path) = &args.save_aligned
-        && Format::from_extension(path).is_none()
-    {
-        bail!(
-            "{}: unknown format; a cloud is written as .pcd, .ply, .xyz, .txt or .csv",
-            path.display()
-        );
+fn check(args: &Locate, global: &Global) -> anyhow::Result<()> {
+    if let Some(path) = &args.save_aligned {
+        writable_format(path)?;
     }
-    for path in [&args.json, &args.report, &args.picture, &args.save_aligned]
+    let outputs: Vec<&Path> = [&args.json, &args.report, &args.picture, &args.save_aligned]
         .into_iter()
         .flatten()
-    {
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
-        if folder.is_some_and(|f| !f.is_dir()) {
-            bail!(
-                "{}: cannot be written: its folder does not exist; create it first",
-                path.display()
-            );
-        }
-    }
+        .map(PathBuf::as_path)
+        .filter(|p| *p != Path::new("-"))
+        .collect();
+    let inputs: Vec<&Path> = [&args.initial, &args.truth, &global.config]
+        .into_iter()
+        .flatten()
+        .chain([&args.map, &args.query])
+        .map(PathBuf::as_path)
+        .collect();
+    check_outputs(&outputs, &inputs)
+}
+
+/// Refuses a name that no cloud can be written under.
+pub(crate) fn writable_format(path: &Path) -> anyhow::Result<()> {
+    Format::for_writing(path)?;
     Ok(())
 }
 
@@ -141,38 +167,44 @@ pub(crate) struct Answer<'a> {
 }
 
 impl Answer<'_> {
-    /// Writes the files that were asked for.
+    /// Writes the files that were asked for, each whether or not another one could be written; the first
+    /// trouble is told of.
     pub(crate) fn write(&self, args: &Locate) -> anyhow::Result<()> {
-        if let Some(path) = args.json.as_deref().filter(|p| *p != Path::new("-")) {
-            atomic::write_bytes(path, self.document.to_json().as_bytes())?;
-        }
-        let picture = if args.picture.is_some() || args.report.is_some() {
-            Some(winze_report::before_and_after(
-                self.map,
-                self.query,
-                self.outcome,
-            )?)
-        } else {
-            None
+        let mut trouble = Ok(());
+        let mut note = |result: anyhow::Result<()>| {
+            if trouble.is_ok() {
+                trouble = result;
+            }
         };
-        if let (Some(path), Some(png)) = (&args.picture, &picture) {
-            atomic::write_bytes(path, png)?;
-        }
-        if let (Some(path), Some(png)) = (&args.report, &picture) {
-            let page = winze_report::page(self.outcome, self.error.as_ref(), &self.document, png);
-            atomic::write_bytes(path, page.as_bytes())?;
+        let file = |path: &Path, bytes: &[u8]| Ok(atomic::write_bytes(path, bytes)?);
+        if let Some(path) = args.json.as_deref().filter(|p| *p != Path::new("-")) {
+            note(file(path, self.document.to_json().as_bytes()));
         }
         if let Some(path) = &args.save_aligned {
-            match &self.outcome.map_from_query {
-                Some(pose) => {
-                    let report =
-                        write_cloud(path, &self.query.transformed(pose)?, &Default::default())?;
-                    for warning in report.warnings {
-                        tracing::warn!("{}: {warning}", path.display());
-                    }
-                }
-                None => tracing::warn!("{}: not written, no pose was found", path.display()),
+            note(self.write_aligned(path));
+        }
+        if args.picture.is_some() || args.report.is_some() {
+            let png = winze_report::before_and_after(self.map, self.query, self.outcome)?;
+            if let Some(path) = &args.picture {
+                note(file(path, &png));
             }
+            if let Some(path) = &args.report {
+                let page =
+                    winze_report::page(self.outcome, self.error.as_ref(), &self.document, &png);
+                note(file(path, page.as_bytes()));
+            }
+        }
+        trouble
+    }
+
+    fn write_aligned(&self, path: &Path) -> anyhow::Result<()> {
+        let Some(pose) = &self.outcome.map_from_query else {
+            tracing::warn!("{}: not written, no pose was found", path.display());
+            return Ok(());
+        };
+        let report = write_cloud(path, &self.query.transformed(pose)?, &Default::default())?;
+        for warning in report.warnings {
+            tracing::warn!("{}: {warning}", path.display());
         }
         Ok(())
     }
@@ -180,14 +212,17 @@ impl Answer<'_> {
     /// The summary for a person, or the JSON on stdout and the summary beside it.
     pub(crate) fn tell(&self, quiet: bool, json: bool) -> anyhow::Result<()> {
         let summary = winze_report::summary(self.outcome, self.error.as_ref());
-        if json {
-            print(&self.document.to_json())?;
+        let told = if json {
             if !quiet {
                 talk(&summary);
             }
-        } else if !quiet {
-            print(&summary)?;
-        }
-        Ok(())
+            print(&self.document.to_json())
+        } else if quiet {
+            Ok(())
+        } else {
+            print(&summary)
+        };
+        // Nobody may be reading; the exit code still says how it ended.
+        told.or_else(|e| if is_broken_pipe(&e) { Ok(()) } else { Err(e) })
     }
 }

@@ -1,7 +1,7 @@
 //! `winze`: find a robot in its own map, underground.
 //!
-//! stdout is data, stderr is talk. Exit codes of `locate` and `demo`: 0 located, 1 answered but not
-//! located, 2 error; of every other verb: 0 done, 2 error.
+//! stdout is data, stderr is talk. Exit codes of `locate`: 0 located, 1 answered but not located, 2
+//! error; of every other verb: 0 done, 2 error.
 
 mod args;
 mod config;
@@ -28,7 +28,7 @@ fn main() -> ExitCode {
     }
     match run(&args) {
         Ok(code) => code,
-        Err(e) if is_broken_pipe(&e) => ExitCode::SUCCESS,
+        Err(e) if output::is_broken_pipe(&e) => ExitCode::SUCCESS,
         Err(e) => {
             output::complain(&e);
             ExitCode::from(2)
@@ -41,12 +41,14 @@ fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .num_threads(args.global.threads)
         .build()
         .context("cannot start the threads")?;
+    // Wrong settings are told of even by a verb that has no use for them.
+    config::effective(&args.global)?;
     // Everything runs in this pool; the global one is left alone.
     pool.install(|| match &args.verb {
         Verb::Demo(a) => demo::run(a, &args.global),
         Verb::Locate(a) => locate::run(a, &args.global),
-        Verb::Info(a) => info::run(a),
-        Verb::Convert(a) => convert::run(a),
+        Verb::Info(a) => info::run(a, &args.global),
+        Verb::Convert(a) => convert::run(a, &args.global),
         Verb::Config => config::run(&args.global),
         Verb::Completions(a) => generate::completions(a),
         Verb::Man => generate::man(),
@@ -62,7 +64,7 @@ fn start_logging(args: &Args) {
     };
     tracing_subscriber::fmt()
         .with_max_level(level)
-        .with_writer(std::io::stderr)
+        .with_writer(progress::BesideTheBar::default)
         .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
         .with_target(false)
         .without_time()
@@ -77,10 +79,4 @@ fn delete_half_written_files_when_stopped() -> anyhow::Result<()> {
         std::process::exit(130);
     })
     .context("Ctrl-C may leave temporary files behind")
-}
-
-fn is_broken_pipe(e: &anyhow::Error) -> bool {
-    e.chain()
-        .filter_map(|c| c.downcast_ref::<std::io::Error>())
-        .any(|c| c.kind() == std::io::ErrorKind::BrokenPipe)
 }

@@ -1,9 +1,8 @@
 //! A bar on the terminal while a run takes longer than a blink.
 
-use std::cell::RefCell;
-use std::io::IsTerminal as _;
-use std::sync::Mutex;
-use std::time::{Duration, Instant};
+use std::io::{self, IsTerminal as _, Write};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use winze::outcome::Stage;
@@ -11,72 +10,104 @@ use winze::outcome::Stage;
 /// Runs shorter than this show nothing.
 const PATIENCE: Duration = Duration::from_millis(700);
 
-/// Stages a run has at least; more are added as they come.
-const STAGES: u64 = 11;
+/// The bar on the terminal, if one is up: whoever writes to stderr has it step aside.
+static SHOWN: Mutex<Option<ProgressBar>> = Mutex::new(None);
 
-/// Shows which stage is under way. Quiet where stderr is no terminal.
+/// Shows which stage is under way. Quiet where stderr is no terminal. Goes away when it is dropped.
 pub(crate) struct Progress {
-    state: Mutex<RefCell<State>>,
-}
-
-struct State {
     bar: ProgressBar,
-    begun: Instant,
-    wanted: bool,
-    shown: bool,
+    over: Arc<Mutex<bool>>,
 }
 
 impl Progress {
-    pub(crate) fn new(quiet: bool) -> Self {
-        let bar = ProgressBar::with_draw_target(Some(STAGES), ProgressDrawTarget::hidden());
+    /// A bar for a run of about `steps` stages; more are added as they come.
+    pub(crate) fn new(quiet: bool, steps: u64) -> Self {
+        let bar = ProgressBar::with_draw_target(Some(steps), ProgressDrawTarget::hidden());
         if let Ok(style) = ProgressStyle::with_template("{bar:24} {pos:>2}/{len} {msg} {elapsed}") {
             bar.set_style(style);
         }
-        let state = State {
+        let progress = Self {
             bar,
-            begun: Instant::now(),
-            wanted: !quiet && std::io::stderr().is_terminal(),
-            shown: false,
+            over: Arc::default(),
         };
-        Self {
-            state: Mutex::new(RefCell::new(state)),
+        if !quiet && io::stderr().is_terminal() {
+            progress.show_later();
         }
+        progress
+    }
+
+    fn show_later(&self) {
+        let (bar, over) = (self.bar.clone(), Arc::clone(&self.over));
+        std::thread::spawn(move || {
+            std::thread::sleep(PATIENCE);
+            // Held until the bar is up, so that it cannot come up after the end.
+            let Ok(over) = over.lock() else { return };
+            if !*over {
+                bar.set_draw_target(ProgressDrawTarget::stderr());
+                bar.enable_steady_tick(Duration::from_millis(120));
+                if let Ok(mut shown) = SHOWN.lock() {
+                    *shown = Some(bar);
+                }
+            }
+        });
     }
 
     /// Begins a step with no stages of its own.
     pub(crate) fn say(&self, what: &str) {
-        self.told(what, None);
+        self.bar.set_message(what.to_owned());
     }
 
     /// Told by the pipeline of each stage as it begins and ends.
     pub(crate) fn told(&self, name: &str, ended: Option<&Stage>) {
-        let Ok(cell) = self.state.lock() else { return };
-        let mut state = cell.borrow_mut();
-        if let Some(stage) = ended {
-            tracing::debug!(
-                "{name}: {:.3} s, {} in, {} out",
-                stage.seconds,
-                stage.count_in,
-                stage.count_out
-            );
-            if state.bar.length() == Some(state.bar.position()) {
-                state.bar.inc_length(1);
-            }
-            state.bar.inc(1);
-        } else {
-            state.bar.set_message(name.to_owned());
+        let Some(stage) = ended else {
+            return self.say(name);
+        };
+        tracing::debug!(
+            "{name}: {:.3} s, {} in, {} out",
+            stage.seconds,
+            stage.count_in,
+            stage.count_out
+        );
+        if self.bar.length() == Some(self.bar.position()) {
+            self.bar.inc_length(1);
         }
-        if state.wanted && !state.shown && state.begun.elapsed() > PATIENCE {
-            state.bar.set_draw_target(ProgressDrawTarget::stderr());
-            state.bar.enable_steady_tick(Duration::from_millis(120));
-            state.shown = true;
-        }
+        self.bar.inc(1);
     }
 
     /// Takes the bar away.
     pub(crate) fn finish(&self) {
-        if let Ok(state) = self.state.lock() {
-            state.borrow().bar.finish_and_clear();
+        if let Ok(mut over) = self.over.lock() {
+            *over = true;
         }
+        if let Ok(mut shown) = SHOWN.lock() {
+            *shown = None;
+        }
+        self.bar.finish_and_clear();
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.finish();
+    }
+}
+
+/// Standard error, which the bar leaves alone while something is written.
+#[derive(Default)]
+pub(crate) struct BesideTheBar;
+
+impl Write for BesideTheBar {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let bar = SHOWN.lock().ok().and_then(|shown| shown.clone());
+        let write = || io::stderr().lock().write_all(bytes);
+        match bar {
+            Some(bar) => bar.suspend(write),
+            None => write(),
+        }
+        .map(|()| bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        io::stderr().lock().flush()
     }
 }

@@ -83,7 +83,7 @@ fn clouds() -> tempfile::TempDir {
 }
 
 /// One line that says where and what, exit code 2.
-fn refused(folder: &Path, args: &str, parts: &[&str]) {
+fn refused(folder: &Path, args: &str, parts: &[&str]) -> String {
     let run = winze(folder, args);
     assert_eq!(run.code, Some(2), "{args}: {}{}", run.stdout, run.stderr);
     assert!(run.stdout.is_empty(), "{args}: {}", run.stdout);
@@ -100,6 +100,7 @@ fn refused(folder: &Path, args: &str, parts: &[&str]) {
             errors[0]
         );
     }
+    errors[0].to_owned()
 }
 
 #[test]
@@ -129,7 +130,7 @@ fn bad_clouds() {
         refused(
             folder.path(),
             &format!("locate {name} {query}"),
-            &["points in the map"],
+            &[name, "points in the map", "check its file"],
         );
     }
     for name in ["line.xyz", "plane.xyz"] {
@@ -178,6 +179,8 @@ fn bad_words() {
     std::fs::write(f.join("misspelt.toml"), "[fpfh]\nradus = 1\n").unwrap();
     std::fs::write(f.join("broken.toml"), "[fpfh\nradius = 1\n").unwrap();
     std::fs::write(f.join("short.txt"), "1 0 0 0\n0 1 0\n").unwrap();
+    let start = "1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n";
+    std::fs::write(f.join("start.txt"), start).unwrap();
     std::fs::write(
         f.join("mirror.txt"),
         "-1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n",
@@ -201,6 +204,18 @@ fn bad_words() {
         ("--truth short.txt", ["short.txt", "16"]),
         ("--truth mirror.txt", ["mirror.txt", "rigid"]),
         ("--initial missing.txt", ["missing.txt", "no such file"]),
+        ("--initial start.txt", ["--initial", "ndt+icp"]),
+        ("--near 1e5,0,0,4", ["--near", "map's frame"]),
+        ("--save-aligned out.pts", ["out.pts", ".pcd"]),
+        ("--json .", [".: is a folder", "name a file"]),
+        (
+            "--json short.txt --truth short.txt",
+            ["overwrite", "another name"],
+        ),
+        (
+            "--json o.json --report o.json",
+            ["overwrite", "another name"],
+        ),
         ("--save-aligned out.stl", ["out.stl", ".pcd"]),
         ("--picture nowhere/p.png", ["nowhere/p.png", "folder"]),
     ] {
@@ -224,19 +239,83 @@ fn bad_words() {
 }
 
 #[test]
-fn odd_scales_end_and_take_no_memory() {
+fn inputs_are_not_overwritten() {
+    let folder = tempfile::tempdir().unwrap();
+    let query = folder.path().join("q.pcd");
+    std::fs::copy(demo().join("query.pcd"), &query).unwrap();
+    let map = demo().join("map.pcd").display().to_string();
+    let before = std::fs::read(&query).unwrap();
+    for args in [
+        format!("locate {map} q.pcd --json q.pcd"),
+        format!("locate {map} q.pcd --save-aligned ./q.pcd"),
+        "convert q.pcd q.pcd".into(),
+        "demo --out .".into(),
+    ] {
+        let said = refused(folder.path(), &args, &[]);
+        assert!(
+            said.contains("another name") || said.contains("--out"),
+            "{said}"
+        );
+        assert_eq!(std::fs::read(&query).unwrap(), before, "{args}");
+    }
+}
+
+/// A run that may take this much address space and no more.
+#[cfg(target_os = "linux")]
+fn winze_within(megabytes: u64, folder: &Path, args: &str) -> std::process::Output {
+    let program = env!("CARGO_BIN_EXE_winze");
+    std::process::Command::new("sh")
+        .args([
+            "-c",
+            &format!(
+                "ulimit -v {}; exec {program} --threads 2 {args}",
+                megabytes * 1024
+            ),
+        ])
+        .current_dir(folder)
+        .output()
+        .unwrap()
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn lying_files_and_odd_scales_take_no_memory_that_the_file_does_not_warrant() {
+    let folder = clouds();
+    for name in ["lie.pcd", "lie.ply", "cut.pcd", "empty.pcd"] {
+        let out = winze_within(300, folder.path(), &format!("info {name}"));
+        let said = String::from_utf8_lossy(&out.stderr);
+        assert_eq!(out.status.code(), Some(2), "{name}: {said}");
+        assert!(said.contains(name), "{said}");
+    }
     // Voxels of a micrometre and of a thousand kilometres.
     for voxel in ["0.000001", "1000000"] {
         let args = format!(
-            "map.pcd query.pcd --set scale.voxel={voxel} --set prepare.statistical_neighbours=0 --set iss.max_keypoints=500"
+            "locate --quiet --json - map.pcd query.pcd --set scale.voxel={voxel} --set prepare.statistical_neighbours=0 --set iss.max_keypoints=500"
         );
-        let run = winze(demo(), &format!("locate --quiet --json - {args}"));
+        let out = winze_within(1500, demo(), &args);
         assert!(
-            matches!(run.code, Some(1 | 2)),
-            "{voxel}: {}{}",
-            run.stdout,
-            run.stderr
+            matches!(out.status.code(), Some(1 | 2)),
+            "{voxel}: {}",
+            String::from_utf8_lossy(&out.stderr)
         );
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn nobody_reading_does_not_make_it_located() {
+    let folder = clouds();
+    let map = demo().join("map.pcd").display().to_string();
+    for flags in ["--json -", ""] {
+        let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_winze"))
+            .args(format!("locate {map} ten.xyz {flags}").split_whitespace())
+            .current_dir(folder.path())
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::null())
+            .spawn()
+            .unwrap();
+        drop(child.stdout.take());
+        assert_eq!(child.wait().unwrap().code(), Some(1), "{flags}");
     }
 }
 
@@ -247,7 +326,14 @@ fn ctrl_c_leaves_nothing_half_written() {
     use std::time::Duration;
 
     let out = tempfile::tempdir().unwrap();
-    for milliseconds in [50, 150, 300, 500, 800] {
+    let names = || -> Vec<String> {
+        std::fs::read_dir(out.path())
+            .unwrap()
+            .map(|e| e.unwrap().file_name().into_string().unwrap())
+            .collect()
+    };
+    let mut stopped = 0;
+    for _ in 0..20 {
         let target = out.path().join("c.csv");
         let mut child = Command::new(env!("CARGO_BIN_EXE_winze"))
             .args(["convert", "map.pcd"])
@@ -256,27 +342,26 @@ fn ctrl_c_leaves_nothing_half_written() {
             .stderr(Stdio::null())
             .spawn()
             .unwrap();
-        std::thread::sleep(Duration::from_millis(milliseconds));
+        // Strike while it writes: a temporary file is there.
+        while names().is_empty() && child.try_wait().unwrap().is_none() {
+            std::thread::sleep(Duration::from_millis(1));
+        }
         let pid = child.id().to_string();
-        // It may have ended by itself, and then there is nobody to interrupt.
         let _ = Command::new("kill")
             .args(["-INT", &pid])
             .stderr(Stdio::null())
             .status();
-        let status = child.wait().unwrap();
-        let names: Vec<_> = std::fs::read_dir(out.path())
-            .unwrap()
-            .map(|e| e.unwrap().file_name())
-            .collect();
-        match status.code() {
-            Some(0) => assert_eq!(names, ["c.csv"]),
-            Some(130) => assert!(names.is_empty() || names == ["c.csv"], "{names:?}"),
-            other => panic!("ended with {other:?}"),
+        let code = child.wait().unwrap().code();
+        assert!(matches!(code, Some(0 | 130)), "{code:?}");
+        assert!(names().is_empty() || names() == ["c.csv"], "{:?}", names());
+        if let Ok(text) = std::fs::read_to_string(&target) {
+            assert!(text.ends_with('\n'), "half a file");
+            std::fs::remove_file(&target).unwrap();
         }
-        let whole = std::fs::read_to_string(&target)
-            .map(|t| t.ends_with('\n'))
-            .unwrap_or(true);
-        assert!(whole, "half a file after {milliseconds} ms");
-        let _ = std::fs::remove_file(&target);
+        stopped += u32::from(code == Some(130));
+        if stopped == 3 {
+            return;
+        }
     }
+    panic!("it always ended before it could be stopped");
 }

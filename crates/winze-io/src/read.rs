@@ -6,6 +6,7 @@ use std::path::Path;
 use sha2::{Digest, Sha256};
 use winze::Cloud;
 
+use crate::columns::Columns;
 use crate::error::{Error, Fault, Result};
 use crate::format::{Format, READABLE};
 use crate::raw::Raw;
@@ -83,6 +84,23 @@ pub struct ReadReport {
     pub digest: String,
     /// Size of the file.
     pub bytes: u64,
+}
+
+impl ReadReport {
+    /// Columns that a [`Cloud`] has no place for: all but the coordinates and the intensity.
+    #[must_use]
+    pub fn unread_fields(&self) -> Vec<&str> {
+        let Ok(columns) = Columns::find(&self.fields) else {
+            return Vec::new();
+        };
+        let read: Vec<usize> = columns.xyz.into_iter().chain(columns.intensity).collect();
+        self.fields
+            .iter()
+            .enumerate()
+            .filter(|(i, name)| !read.contains(i) && name.as_str() != "_")
+            .map(|(_, name)| name.as_str())
+            .collect()
+    }
 }
 
 /// Reads a cloud. The format is the one the file's extension names, else the one its first bytes

@@ -29,6 +29,30 @@ struct HypothesisRow {
     stop: Option<StopReason>,
 }
 
+/// What was known or said beforehand, in the document's `request`.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Asked {
+    /// Both clouds were said to have z up.
+    pub gravity_aligned: bool,
+    /// Centre and radius of the search region, map frame, metres.
+    pub near: Option<[f64; 4]>,
+    /// The start pose, `map_from_query`.
+    pub initial: Option<[[f64; 4]; 4]>,
+}
+
+impl From<&winze::Request<'_>> for Asked {
+    fn from(request: &winze::Request<'_>) -> Self {
+        Self {
+            gravity_aligned: request.gravity_aligned,
+            near: request.near.map(|n| {
+                let [x, y, z] = n.centre;
+                [x, y, z, n.radius]
+            }),
+            initial: request.initial.as_ref().map(Pose::to_matrix),
+        }
+    }
+}
+
 #[derive(Debug, Clone, PartialEq, Serialize)]
 struct ErrorRow {
     translation_m: f64,
@@ -58,6 +82,7 @@ pub struct Document {
     seconds: f64,
     method: &'static str,
     seed: u64,
+    request: Asked,
     config_digest: String,
     map: Source,
     query: Source,
@@ -69,6 +94,7 @@ impl Document {
     pub fn new(
         outcome: &Outcome,
         error: Option<&PoseDistance>,
+        request: Asked,
         config_digest: String,
         map: Source,
         query: Source,
@@ -108,6 +134,7 @@ impl Document {
             seconds: outcome.seconds,
             method: outcome.method,
             seed: outcome.seed,
+            request,
             config_digest,
             map,
             query,

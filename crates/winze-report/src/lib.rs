@@ -7,7 +7,7 @@ pub mod page;
 pub mod picture;
 pub mod summary;
 
-pub use document::{Document, Source};
+pub use document::{Asked, Document, Source};
 pub use page::page;
 pub use picture::before_and_after;
 pub use summary::summary;

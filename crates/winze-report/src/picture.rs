@@ -42,11 +42,13 @@ struct Frame {
 pub fn before_and_after(map: &Cloud, query: &Cloud, outcome: &Outcome) -> Result<Vec<u8>, Error> {
     let map_points = thin(map);
     let raw = thin(query);
+    let apart = Apart::of(&map_points, &raw);
+    let shown: Vec<[f64; 3]> = raw.iter().map(|p| apart.beside(*p)).collect();
     let found: Option<Vec<[f64; 3]>> = outcome
         .map_from_query
         .map(|pose: Pose| raw.iter().map(|p| pose.transform(*p)).collect());
     let map_frame = frame(&map_points);
-    let before = join(map_frame, frame(&raw));
+    let before = join(map_frame, frame(&shown));
     let after = join(map_frame, found.as_deref().and_then(frame));
     let plan = View { right: 0, up: 1 };
     let long = |f: Option<Frame>| f.is_some_and(|f| f.high[1] - f.low[1] > f.high[0] - f.low[0]);
@@ -60,21 +62,27 @@ pub fn before_and_after(map: &Cloud, query: &Cloud, outcome: &Outcome) -> Result
         Row {
             view: plan,
             frames: [before, after],
-            titles: ["before, from above", "after, from above"],
+            titles: [
+                apart.title("before, from above"),
+                "after, from above".into(),
+            ],
             after: [false, true],
         },
         Row {
             view: side,
             frames: [before, after],
-            titles: ["before, from the side", "after, from the side"],
+            titles: [
+                apart.title("before, from the side"),
+                "after, from the side".into(),
+            ],
             after: [false, true],
         },
         Row {
             view: plan,
             frames: [close, close],
             titles: [
-                "after, close up, from above",
-                "after, close up, from the side",
+                "after, close up, from above".into(),
+                "after, close up, from the side".into(),
             ],
             after: [true, true],
         },
@@ -88,7 +96,7 @@ pub fn before_and_after(map: &Cloud, query: &Cloud, outcome: &Outcome) -> Result
         for c in 0..2 {
             let x = MARGIN + c * (column + MARGIN);
             #[expect(clippy::cast_precision_loss, reason = "pixels")]
-            canvas.text(x as f32, (y + 20) as f32, 18.0, INK, row.titles[c]);
+            canvas.text(x as f32, (y + 20) as f32, 18.0, INK, &row.titles[c]);
             let area = Area {
                 x,
                 y: y + TITLE,
@@ -100,7 +108,7 @@ pub fn before_and_after(map: &Cloud, query: &Cloud, outcome: &Outcome) -> Result
             let placed: Option<&[[f64; 3]]> = if row.after[c] {
                 found.as_deref()
             } else {
-                Some(&raw)
+                Some(&shown)
             };
             match (row.frames[c], placed) {
                 (Some(frame), Some(query)) => {
@@ -129,7 +137,7 @@ pub fn before_and_after(map: &Cloud, query: &Cloud, outcome: &Outcome) -> Result
 struct Row {
     view: View,
     frames: [Option<Frame>; 2],
-    titles: [&'static str; 2],
+    titles: [String; 2],
     after: [bool; 2],
 }
 
@@ -166,12 +174,15 @@ fn head(canvas: &mut Canvas, outcome: &Outcome) {
     };
     let x = canvas.text(20.0, 40.0, 30.0, colour, outcome.verdict.name());
     let mut line = format!("   method {}", outcome.method);
-    if let (Some(fraction), Some(rmse)) = (outcome.inlier_fraction, outcome.inlier_rmse) {
+    if let Some(fraction) = outcome.inlier_fraction {
         line += &format!(
-            " · {:.2} % of the query within {} m of the map, RMSE {rmse:.4} m",
+            " · {:.2} % of the query within {} m of the map",
             100.0 * fraction,
             outcome.inlier_distance
         );
+    }
+    if let Some(rmse) = outcome.inlier_rmse {
+        line += &format!(", RMSE {rmse:.4} m");
     }
     canvas.text(x, 40.0, 18.0, INK, &line);
     canvas.text(20.0, 70.0, 17.0, FAINT, &outcome.reason);
@@ -187,6 +198,52 @@ fn head(canvas: &mut Canvas, outcome: &Outcome) {
             .sum::<f32>();
     for (word, colour) in words {
         x = canvas.text(x, 40.0, 20.0, colour, word) + 22.0;
+    }
+}
+
+/// How the clouds are shown before: where their frames lie so far apart that both would be specks (a
+/// map in UTM coordinates, a query in the robot's own), the query is drawn beside the map.
+struct Apart {
+    shift: [f64; 3],
+    metres: f64,
+}
+
+impl Apart {
+    fn of(map: &[[f64; 3]], query: &[[f64; 3]]) -> Self {
+        let together = Self {
+            shift: [0.0; 3],
+            metres: 0.0,
+        };
+        let (Some(m), Some(q)) = (frame(map), frame(query)) else {
+            return together;
+        };
+        let size = (0..3)
+            .map(|a| (m.high[a] - m.low[a]).max(q.high[a] - q.low[a]))
+            .fold(0.0, f64::max);
+        let middle = |f: &Frame, a: usize| 0.5 * (f.low[a] + f.high[a]);
+        let d: [f64; 3] = std::array::from_fn(|a| middle(&q, a) - middle(&m, a));
+        let metres = (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt();
+        if metres < 4.0 * size {
+            return together;
+        }
+        let beside = m.high[0] + 0.1 * size - q.low[0];
+        Self {
+            shift: [beside, -d[1], -d[2]],
+            metres,
+        }
+    }
+
+    fn beside(&self, p: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|a| p[a] + self.shift[a])
+    }
+
+    fn title(&self, text: &str) -> String {
+        if self.metres > 0.0 {
+            let km = self.metres / 1000.0;
+            format!("{text}; the frames lie {km:.1} km apart, the query is drawn beside the map")
+        } else {
+            text.into()
+        }
     }
 }
 
@@ -332,4 +389,32 @@ fn join(a: Option<Frame>, b: Option<Frame>) -> Option<Frame> {
         low: std::array::from_fn(|i| a.low[i].min(b.low[i])),
         high: std::array::from_fn(|i| a.high[i].max(b.high[i])),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_far_apart_are_drawn_side_by_side() {
+        let here: Vec<[f64; 3]> = (0..3000).map(|i| [f64::from(i) * 0.01, 1.0, 2.0]).collect();
+        let utm: Vec<[f64; 3]> = here
+            .iter()
+            .map(|p| [p[0] + 450_000.0, p[1] + 4_400_000.0, p[2]])
+            .collect();
+        let apart = Apart::of(&utm, &here);
+        let shown: Vec<[f64; 3]> = here.iter().map(|p| apart.beside(*p)).collect();
+        let both = join(frame(&utm), frame(&shown)).unwrap();
+        assert!(both.high[0] - both.low[0] < 80.0 && both.high[1] - both.low[1] < 5.0);
+        assert!(
+            apart.title("before").contains("4422.9 km"),
+            "{}",
+            apart.title("before")
+        );
+        let near = Apart::of(&here, &here);
+        assert_eq!(
+            (near.shift, near.title("before")),
+            ([0.0; 3], "before".into())
+        );
+    }
 }

@@ -7,7 +7,7 @@
     reason = "shared by several test programs"
 )]
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 
@@ -72,10 +72,4 @@ pub fn demo() -> &'static Path {
         folder
     });
     folder.path()
-}
-
-/// The real clouds.
-pub fn data() -> PathBuf {
-    let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
-    std::env::var_os("WINZE_DATA").map_or(default, PathBuf::from)
 }
