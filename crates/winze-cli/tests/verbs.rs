@@ -71,8 +71,7 @@ fn the_same_json_at_any_thread_count_for_every_method() {
         "fpfh+ndt+icp",
     ] {
         let run = |threads| {
-            let args =
-                format!("map.pcd query.pcd --method {method} --seed 3 --threads {threads}");
+            let args = format!("map.pcd query.pcd --method {method} --seed 3 --threads {threads}");
             timeless(locate(demo(), &args).0)
         };
         let one = run(1);
