@@ -3,7 +3,7 @@
 //! Three correspondences give a pose. Most samples hold a wrong one; a sample whose triangle has
 //! different edge lengths in the two clouds is thrown away before a pose is made of it (the
 //! prerejection of Buch et al. 2013), which is what makes a million of them affordable. The poses
-//! that survive are scored by their inlier correspondences, refined by a least-squares fit
+//! that survive are scored by their inlier correspondences and how tight these are, refined by a least-squares fit
 //! on them, and the best distinct ones are kept: one answer would hide the rivals. Distinctness holds
 //! within each block already, so that a place with much support cannot crowd out its twin.
 //!
@@ -30,10 +30,20 @@ pub struct Hypothesis {
     pub rmse: f64,
 }
 
+impl Hypothesis {
+    /// `Σ (1 − d²/limit²)` over the inliers, by which hypotheses are ranked (MSAC, Torr & Zisserman
+    /// 2000): of two with as many inliers the tighter one wins, and one more at the rim is worth little.
+    fn support(&self, limit: f64) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "a count")]
+        let inliers = self.inliers as f64;
+        inliers * (1.0 - self.rmse * self.rmse / (limit * limit))
+    }
+}
+
 /// What sampling found.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Estimate {
-    /// Best first, distinct.
+    /// Best supported first, distinct.
     pub hypotheses: Vec<Hypothesis>,
     /// Samples drawn.
     pub samples: u64,
@@ -113,7 +123,7 @@ pub fn estimate(
         block += ROUND;
         samples = (samples + BLOCK * ROUND).min(max_samples);
         pool.extend(found.into_iter().flatten());
-        pool = distinct(pool, &pairs, config.hypotheses);
+        pool = distinct(pool, &pairs, limit, config.hypotheses);
         if let Some(best) = pool.first() {
             // Samples are drawn from all pairs, however many share a keypoint.
             needed = needed.min(samples_needed(best.inliers, n, config.confidence));
@@ -179,23 +189,22 @@ fn sample_block(
         if !plausible(&pose) {
             continue;
         }
-        let (inliers, _) = score(pairs, &pose, limit);
-        let enough = kept.len() < KEPT || inliers > kept[kept.len() - 1].inliers;
-        if inliers < config.min_inliers || !enough {
+        let raw = hypothesis(pairs, pose, limit);
+        let enough = kept.len() < KEPT || raw.inliers > kept[kept.len() - 1].inliers;
+        let better = |h: &Hypothesis, kept: &[Hypothesis]| {
+            !kept
+                .iter()
+                .any(|k| k.support(limit) >= h.support(limit) && pairs.same_place(k, h))
+        };
+        if raw.inliers < config.min_inliers || !enough || !better(&raw, &kept) {
             continue;
         }
         let refined = refit(pairs, &pose, limit);
-        if !plausible(&refined.map_from_query) {
-            continue;
-        }
-        if kept
-            .iter()
-            .any(|h| pairs.same_place(h, &refined) && h.inliers >= refined.inliers)
-        {
+        if !plausible(&refined.map_from_query) || !better(&refined, &kept) {
             continue;
         }
         kept.retain(|h| !pairs.same_place(h, &refined));
-        let at = kept.partition_point(|h| h.inliers >= refined.inliers);
+        let at = kept.partition_point(|h| h.support(limit) >= refined.support(limit));
         kept.insert(at, refined);
         kept.truncate(KEPT);
     }
@@ -251,7 +260,7 @@ fn refit(pairs: &Pairs, start: &Pose, limit: f64) -> Hypothesis {
             break;
         };
         let next = hypothesis(pairs, pose, limit);
-        if next.inliers < best.inliers || (next.inliers == best.inliers && next.rmse >= best.rmse) {
+        if next.support(limit) <= best.support(limit) {
             break;
         }
         best = next;
@@ -278,9 +287,9 @@ impl Pairs {
 }
 
 /// The best `keep` of `pool`, none at the same place as a better one.
-fn distinct(mut pool: Vec<Hypothesis>, pairs: &Pairs, keep: usize) -> Vec<Hypothesis> {
+fn distinct(mut pool: Vec<Hypothesis>, pairs: &Pairs, limit: f64, keep: usize) -> Vec<Hypothesis> {
     // Stable: of equal ones the first drawn comes first.
-    pool.sort_by(|a, b| b.inliers.cmp(&a.inliers).then(a.rmse.total_cmp(&b.rmse)));
+    pool.sort_by(|a, b| b.support(limit).total_cmp(&a.support(limit)));
     let mut out: Vec<Hypothesis> = Vec::new();
     for h in pool {
         if out.len() == keep {
@@ -391,7 +400,11 @@ mod tests {
         };
         let found = estimate(&pairs, &query, &map, &config, 0.5, 0, &|_| true).hypotheses;
         assert!(found.len() > 1 && found.len() <= config.hypotheses);
-        assert!(found.windows(2).all(|w| w[0].inliers >= w[1].inliers));
+        assert!(
+            found
+                .windows(2)
+                .all(|w| w[0].support(1.0) >= w[1].support(1.0))
+        );
         let middle = |p: &Hypothesis| {
             let sum = query.points.iter().fold([0.0; 3], |s: [f64; 3], q| {
                 std::array::from_fn(|a| s[a] + f64::from(q[a]))
