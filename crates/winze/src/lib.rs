@@ -83,6 +83,7 @@ pub mod pose;
 pub mod prepare;
 pub mod ransac;
 pub mod refine;
+mod request;
 pub mod rng;
 pub mod scale;
 mod solve;

@@ -8,9 +8,10 @@
 
 use std::time::Instant;
 
+use rayon::prelude::*;
+
 use crate::cloud::Cloud;
 use crate::config::{Config, IcpConfig, IcpMetric, Length, VerifyConfig};
-use crate::denoise::within_range;
 use crate::error::{Error, Result};
 use crate::features::{Features, describe};
 use crate::kdtree::KdTree;
@@ -24,71 +25,10 @@ use crate::refine::{Refined, StopReason};
 use crate::verify::{Candidate, Judgement, fit, judge, judge_against, rank, same_place};
 use crate::{icp, metrics, ndt, ransac, scale};
 
-/// Told of each stage by name, as it begins (with `None`) and as it ends.
-pub type Progress<'a> = dyn Fn(&str, Option<&Stage>) + Sync + 'a;
-
-/// What a run is asked besides its configuration.
-#[derive(Clone, Copy, Default)]
-pub struct Request<'a> {
-    /// How to look.
-    pub method: Method,
-    /// Where `ndt+icp` starts; the identity where there is none.
-    pub initial: Option<Pose>,
-    /// Both clouds have z up: poses that tilt by more than [`GRAVITY_TOLERANCE`] are refused.
-    pub gravity_aligned: bool,
-    /// The query's centroid is known to lie in this ball of the map: poses that put it elsewhere are
-    /// refused, and the map is not looked at where the query cannot reach.
-    pub near: Option<Near>,
-    /// Who wants to follow.
-    pub progress: Option<&'a Progress<'a>>,
-}
-
-/// How far from upright a gravity-aligned pose may tilt, radians (10°).
-pub const GRAVITY_TOLERANCE: f64 = 0.174_532_925;
+pub use crate::request::{GRAVITY_TOLERANCE, Near, Progress, Request};
 
 /// Points that a map must have, before and after preparation.
 const MIN_MAP_POINTS: usize = 100;
-
-/// A ball in the map's frame.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Near {
-    /// Its centre, metres.
-    pub centre: [f64; 3],
-    /// Its radius, metres.
-    pub radius: f64,
-}
-
-impl Near {
-    /// The part of `map` that a query can touch: the ball, widened by the query's own reach.
-    fn crop(&self, map: &Cloud, query: &Cloud) -> Cloud {
-        let reach = query.bounds(0.0).map_or(0.0, |(low, high)| {
-            (0..3)
-                .map(|a| (high[a] - low[a]) * (high[a] - low[a]))
-                .sum::<f64>()
-                .sqrt()
-        });
-        map.select(&within_range(map, self.centre, 0.0, self.radius + reach))
-    }
-
-    fn holds(&self, p: [f64; 3]) -> bool {
-        (0..3)
-            .map(|a| (p[a] - self.centre[a]) * (p[a] - self.centre[a]))
-            .sum::<f64>()
-            <= self.radius * self.radius
-    }
-}
-
-impl Request<'_> {
-    /// Whether what is known beforehand speaks for a pose that puts the query's centroid there.
-    fn plausible(&self, pose: &Pose, centroid: [f64; 3]) -> bool {
-        let upright = !self.gravity_aligned
-            || pose.rotate([0.0, 0.0, 1.0])[2] >= libm::cos(GRAVITY_TOLERANCE);
-        upright
-            && self
-                .near
-                .is_none_or(|near| near.holds(pose.transform(centroid)))
-    }
-}
 
 /// Finds `query` in `map` by the method `auto`, with no initial guess.
 ///
@@ -318,7 +258,7 @@ impl Run<'_> {
             }
         };
         let mut refined = self.stage("refine rivals", candidates.len(), || {
-            let refined: Vec<Candidate> = candidates.iter().map(candidate).collect();
+            let refined: Vec<Candidate> = candidates.par_iter().map(candidate).collect();
             let n = refined.len();
             (refined, n)
         });
@@ -431,17 +371,23 @@ impl Run<'_> {
                 config.icp.clone()
             };
             poses = self.stage("refine by ICP", poses.len(), || {
-                refine_all(&poses, |p| icp::align(map, query, p, &icp_config))
+                let hopeful = hopeful(&poses, map, query, verify);
+                let n = hopeful.iter().filter(|h| **h).count();
+                let chosen: Vec<_> = poses
+                    .iter()
+                    .zip(&hopeful)
+                    .filter(|(_, h)| **h)
+                    .map(|(p, _)| *p)
+                    .collect();
+                let (refined, _) = refine_all(&chosen, |p| icp::align(map, query, p, &icp_config));
+                let mut refined = refined.into_iter();
+                for (pose, _) in poses.iter_mut().zip(&hopeful).filter(|(_, h)| **h) {
+                    *pose = refined.next().unwrap_or(*pose);
+                }
+                (poses, n)
             });
         }
-        poses
-            .into_iter()
-            .map(|(pose, stop)| Candidate {
-                map_from_query: pose,
-                fit: fit(map, query, &pose, verify),
-                stop,
-            })
-            .collect()
+        candidates(&poses, map, query, verify)
     }
 
     fn outcome(mut self, map: &Cloud, query: &Cloud, best: Attempt) -> Outcome {
@@ -513,6 +459,44 @@ impl Run<'_> {
     }
 }
 
+fn candidates(
+    poses: &[(Pose, Option<StopReason>)],
+    map: &Surface,
+    query: &Surface,
+    verify: &VerifyConfig,
+) -> Vec<Candidate> {
+    let candidate = |(pose, stop): &(Pose, Option<StopReason>)| Candidate {
+        map_from_query: *pose,
+        fit: fit(map, query, pose, verify),
+        stop: *stop,
+    };
+    poses.iter().map(candidate).collect()
+}
+
+/// Which poses are worth the last refinement: the first always, on which the paper's methods build,
+/// and all that fit within [`VerifyConfig::hopeless_residual`] times the finest of those with enough
+/// overlap. Poses that no refiner has seen are all worth it.
+fn hopeful(
+    poses: &[(Pose, Option<StopReason>)],
+    map: &Surface,
+    query: &Surface,
+    verify: &VerifyConfig,
+) -> Vec<bool> {
+    let fits = candidates(poses, map, query, verify);
+    let finest = fits
+        .iter()
+        .filter(|c| c.fit.overlap >= verify.min_overlap)
+        .map(|c| c.fit.median_point_to_plane)
+        .fold(f64::INFINITY, f64::min);
+    fits.iter()
+        .enumerate()
+        .map(|(i, c)| {
+            let limit = verify.hopeless_residual * finest;
+            i == 0 || c.stop.is_none() || c.fit.median_point_to_plane <= limit
+        })
+        .collect()
+}
+
 fn point_to_plane(config: &IcpConfig) -> IcpConfig {
     IcpConfig {
         metric: IcpMetric::PointToPlane,
@@ -523,10 +507,10 @@ fn point_to_plane(config: &IcpConfig) -> IcpConfig {
 /// Every pose refined, in the order given, and how many there are.
 fn refine_all(
     poses: &[(Pose, Option<StopReason>)],
-    align: impl Fn(&Pose) -> Refined,
+    align: impl Fn(&Pose) -> Refined + Sync,
 ) -> (Vec<(Pose, Option<StopReason>)>, usize) {
     let refined: Vec<_> = poses
-        .iter()
+        .par_iter()
         .map(|(p, _)| align(p))
         .map(|r| (r.map_from_query, Some(r.stop)))
         .collect();

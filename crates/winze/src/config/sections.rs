@@ -200,6 +200,9 @@ section! {
         rival_overlap: f64 = 0.5, Between(0.0, 1.0);
         /// where its median point-to-plane residual is below this many times the best's.
         rival_residual: f64 = 1.6, NonNegative;
+        /// Places that a first refinement leaves at more than this many times the finest one's residual are
+        /// weighed as they are: the last refinement is not spent on them.
+        hopeless_residual: f64 = 4.0, Between(1.0, 1e6);
         /// Information (a pair's share) below which a direction is unobservable.
         min_information: f64 = 0.01, Between(0.0, 1.0);
         /// Refined poses nearer than this are one place, if

@@ -1,0 +1,70 @@
+//! What a run is asked besides its configuration.
+
+use crate::cloud::Cloud;
+use crate::denoise::within_range;
+use crate::method::Method;
+use crate::outcome::Stage;
+use crate::pose::Pose;
+
+/// Told of each stage by name, as it begins (with `None`) and as it ends.
+pub type Progress<'a> = dyn Fn(&str, Option<&Stage>) + Sync + 'a;
+
+/// What a run is asked besides its configuration.
+#[derive(Clone, Copy, Default)]
+pub struct Request<'a> {
+    /// How to look.
+    pub method: Method,
+    /// Where `ndt+icp` starts; the identity where there is none.
+    pub initial: Option<Pose>,
+    /// Both clouds have z up: poses that tilt by more than [`GRAVITY_TOLERANCE`] are refused.
+    pub gravity_aligned: bool,
+    /// The query's centroid is known to lie in this ball of the map: poses that put it elsewhere are
+    /// refused, and the map is not looked at where the query cannot reach.
+    pub near: Option<Near>,
+    /// Who wants to follow.
+    pub progress: Option<&'a Progress<'a>>,
+}
+
+/// How far from upright a gravity-aligned pose may tilt, radians (10°).
+pub const GRAVITY_TOLERANCE: f64 = 0.174_532_925;
+
+/// A ball in the map's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Near {
+    /// Its centre, metres.
+    pub centre: [f64; 3],
+    /// Its radius, metres.
+    pub radius: f64,
+}
+
+impl Near {
+    /// The part of `map` that a query can touch: the ball, widened by the query's own reach.
+    pub(crate) fn crop(&self, map: &Cloud, query: &Cloud) -> Cloud {
+        let reach = query.bounds(0.0).map_or(0.0, |(low, high)| {
+            (0..3)
+                .map(|a| (high[a] - low[a]) * (high[a] - low[a]))
+                .sum::<f64>()
+                .sqrt()
+        });
+        map.select(&within_range(map, self.centre, 0.0, self.radius + reach))
+    }
+
+    fn holds(&self, p: [f64; 3]) -> bool {
+        (0..3)
+            .map(|a| (p[a] - self.centre[a]) * (p[a] - self.centre[a]))
+            .sum::<f64>()
+            <= self.radius * self.radius
+    }
+}
+
+impl Request<'_> {
+    /// Whether what is known beforehand speaks for a pose that puts the query's centroid there.
+    pub(crate) fn plausible(&self, pose: &Pose, centroid: [f64; 3]) -> bool {
+        let upright = !self.gravity_aligned
+            || pose.rotate([0.0, 0.0, 1.0])[2] >= libm::cos(GRAVITY_TOLERANCE);
+        upright
+            && self
+                .near
+                .is_none_or(|near| near.holds(pose.transform(centroid)))
+    }
+}
