@@ -13,7 +13,9 @@ mod common;
 
 use common::mesh::{sample, triangles};
 use common::{Result, data, folder_exists, random_frame, read, truth};
-use winze::{Cloud, Config, Pose, Verdict};
+use winze::locate::Near;
+use winze::rng::Rng;
+use winze::{Cloud, Config, Pose, Request, Verdict};
 
 /// The junction's middle in the world.
 const JUNCTION: [f64; 2] = [40.0, 0.0];
@@ -24,9 +26,9 @@ fn main() -> Result<()> {
     let world_from_map = truth("gazebo_tunnel/T_world_map.txt")?;
     let world = triangles(&data().join("gazebo_tunnel/world.ply"))?;
     println!(
-        "query: the junction and | runs | located | of these wrong | ambiguous | other | best pose right | right place among those weighed"
+        "query: the junction and | runs | located | of these wrong | ambiguous | other | best pose right | right place among those weighed | located with --near | of these wrong"
     );
-    println!("---|---|---|---|---|---|---|---");
+    println!("---|---|---|---|---|---|---|---|---|---");
     type Region = (&'static str, fn(f64, f64) -> bool);
     let regions: [Region; 5] = [
         ("25 m of the north arm, 10 m of the others", |x, y| {
@@ -44,7 +46,7 @@ fn main() -> Result<()> {
         ("12.5 m of every arm", |x, y| x.hypot(y) < 12.5),
     ];
     for (name, inside) in regions {
-        let mut counts = [0usize; 6];
+        let mut counts = [0usize; 8];
         for seed in 0..10 {
             let points = sample(&world, seed, |p| {
                 inside(p[0] - JUNCTION[0], p[1] - JUNCTION[1])
@@ -71,6 +73,21 @@ fn main() -> Result<()> {
             counts[3] += usize::from(!located && outcome.verdict != Verdict::Ambiguous);
             counts[4] += usize::from(best);
             counts[5] += usize::from(outcome.hypotheses.iter().any(|h| right(&h.map_from_query)));
+            // Somebody knows roughly where the robot is: 3 m off, and sure of 6 m.
+            let off = Rng::new(seed, 5).direction();
+            let middle = map_from_query.transform(centroid);
+            let request = Request {
+                near: Some(Near {
+                    centre: std::array::from_fn(|a| middle[a] + 3.0 * off[a]),
+                    radius: 6.0,
+                }),
+                ..Request::default()
+            };
+            let outcome = winze::locate_by(&map, &query, &config, &request)?;
+            let located = outcome.verdict == Verdict::Located;
+            let best = outcome.map_from_query.is_some_and(|p| right(&p));
+            counts[6] += usize::from(located);
+            counts[7] += usize::from(located && !best);
         }
         let cells: Vec<String> = counts.iter().map(ToString::to_string).collect();
         println!("{name} | 10 | {}", cells.join(" | "));

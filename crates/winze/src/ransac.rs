@@ -126,7 +126,8 @@ pub fn estimate(
         pool = distinct(pool, &pairs, limit, config.hypotheses);
         if let Some(best) = pool.first() {
             // Samples are drawn from all pairs, however many share a keypoint.
-            needed = needed.min(samples_needed(best.inliers, n, config.confidence));
+            let enough = samples_needed(best.inliers, n, config.confidence);
+            needed = needed.min(enough.max(config.min_samples as u64));
         }
     }
     for h in &mut pool {

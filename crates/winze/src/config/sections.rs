@@ -112,6 +112,8 @@ section! {
         min_edge: Length = Length::Voxels(4.0), Between(0.0, LONGEST);
         /// Samples drawn at most.
         max_samples: usize = 2_000_000, Between(1.0, 1e12);
+        /// Samples drawn at least: rivals have less support than the best pose and show later.
+        min_samples: usize = 500_000, Between(1.0, 1e12);
         /// Sampling ends when a better pose would have been drawn with this probability.
         confidence: f64 = 0.999, Between(0.0, 0.999_999_999);
         /// Inliers a pose must have.
