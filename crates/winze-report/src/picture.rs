@@ -407,7 +407,7 @@ mod tests {
         let both = join(frame(&utm), frame(&shown)).unwrap();
         assert!(both.high[0] - both.low[0] < 80.0 && both.high[1] - both.low[1] < 5.0);
         assert!(
-            apart.title("before").contains("4422.9 km"),
+            apart.title("before").contains("4423.0 km"),
             "{}",
             apart.title("before")
         );
