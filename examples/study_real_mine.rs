@@ -4,6 +4,7 @@
 //!
 //! ```sh
 //! cargo run --release --example study_real_mine
+//! cargo run --release --example study_real_mine -- auto     # only these methods
 //! ```
 #![expect(clippy::print_stdout, reason = "it is what an example does")]
 
@@ -19,6 +20,15 @@ const QUERY: &str = "jinchuan/query_2025-04-21.pcd";
 
 fn main() -> Result<()> {
     folder_exists("jinchuan")?;
+    let named: Vec<Method> = std::env::args()
+        .skip(1)
+        .map(|a| a.parse())
+        .collect::<std::result::Result<_, _>>()?;
+    let methods = if named.is_empty() {
+        Method::ALL.to_vec()
+    } else {
+        named
+    };
     let query = read(QUERY)?;
     let truth = truth("jinchuan/T_map_query.txt")?;
     let halves = halves(&query, &truth);
@@ -50,20 +60,22 @@ fn main() -> Result<()> {
             Tally::HEAD,
             Tally::RULE
         );
-        for method in Method::ALL {
+        for &method in &methods {
             println!("{method} | {}", run(cases, method, false)?.row());
         }
-        println!(
-            "ndt+icp from 0.5 m and 5° off | {}",
-            run(cases, Method::NdtIcp, true)?.row()
-        );
+        if methods.contains(&Method::NdtIcp) {
+            println!(
+                "ndt+icp from 0.5 m and 5° off | {}",
+                run(cases, Method::NdtIcp, true)?.row()
+            );
+        }
     }
     println!(
         "\n### Where it does not belong: in gazebo_tunnel/slam_map.pcd\n\nmethod | runs | located | other verdicts"
     );
     println!("---|---|---|---");
     let tunnel = read("gazebo_tunnel/slam_map.pcd")?;
-    for method in Method::ALL {
+    for &method in &methods {
         let mut verdicts = Vec::new();
         for seed in 0..10 {
             let config = Config {
