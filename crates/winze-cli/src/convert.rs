@@ -2,15 +2,15 @@
 
 use std::process::ExitCode;
 
-use winze_io::{WriteOptions, write_cloud};
+use winze_io::{Format, WriteOptions, write_cloud};
 
 use crate::args::{Convert, Global};
-use crate::locate::{read, writable_format};
+use crate::locate::read;
 use crate::output::check_outputs;
 use crate::progress::Progress;
 
 pub(crate) fn run(args: &Convert, global: &Global) -> anyhow::Result<ExitCode> {
-    writable_format(&args.output)?;
+    Format::for_writing(&args.output)?;
     check_outputs(&[&args.output], &[&args.input])?;
     let progress = Progress::new(global.quiet, 2);
     progress.say("read");

@@ -102,7 +102,7 @@ fn steps(method: winze::Method) -> u64 {
 /// Refuses at once what could not be written in the end.
 fn check(args: &Locate, global: &Global) -> anyhow::Result<()> {
     if let Some(path) = &args.save_aligned {
-        writable_format(path)?;
+        Format::for_writing(path)?;
     }
     let outputs: Vec<&Path> = [&args.json, &args.report, &args.picture, &args.save_aligned]
         .into_iter()
@@ -119,14 +119,8 @@ fn check(args: &Locate, global: &Global) -> anyhow::Result<()> {
     check_outputs(&outputs, &inputs)
 }
 
-/// Refuses a name that no cloud can be written under.
-pub(crate) fn writable_format(path: &Path) -> anyhow::Result<()> {
-    Format::for_writing(path)?;
-    Ok(())
-}
-
 /// 0 located, 1 answered but not located.
-pub(crate) fn exit_code(outcome: &Outcome) -> ExitCode {
+fn exit_code(outcome: &Outcome) -> ExitCode {
     ExitCode::from(u8::from(outcome.verdict != Verdict::Located))
 }
 

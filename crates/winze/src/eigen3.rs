@@ -132,7 +132,7 @@ fn right_handed(mut v: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
     v
 }
 
-fn times(a: &Symmetric3, v: [f64; 3]) -> [f64; 3] {
+pub(crate) fn times(a: &Symmetric3, v: [f64; 3]) -> [f64; 3] {
     [
         a[0] * v[0] + a[1] * v[1] + a[2] * v[2],
         a[1] * v[0] + a[3] * v[1] + a[4] * v[2],
@@ -140,7 +140,7 @@ fn times(a: &Symmetric3, v: [f64; 3]) -> [f64; 3] {
     ]
 }
 
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+pub(crate) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -148,7 +148,7 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     ]
 }
 
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 

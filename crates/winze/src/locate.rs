@@ -22,7 +22,9 @@ use crate::outcome::{Outcome, RankedHypothesis, Stage, Verdict};
 use crate::pose::Pose;
 use crate::prepare::{Surface, limit_range, prepare};
 use crate::refine::{Refined, StopReason};
-use crate::verify::{Candidate, Judgement, fit, judge, judge_against, rank, same_place};
+use crate::verify::{
+    Candidate, Judgement, fit, insufficient, judge, judge_against, rank, same_place,
+};
 use crate::{icp, metrics, ndt, ransac, scale};
 
 pub use crate::request::{GRAVITY_TOLERANCE, Near, Progress, Request};
@@ -142,12 +144,7 @@ impl Attempt {
     fn without_pose(voxel: f64, verdict: Verdict, reason: String) -> Self {
         Self {
             voxel,
-            judgement: Judgement {
-                verdict,
-                reason,
-                unobservable: None,
-                information: None,
-            },
+            judgement: Judgement::refused(verdict, reason),
             ranked: Vec::new(),
         }
     }
@@ -193,12 +190,15 @@ impl Run<'_> {
             (s, n)
         };
         let query = self.stage("prepare query", query.len(), || surface(query));
-        let map = self.stage("prepare map", map.len(), || surface(map));
-        // A query too poor to look for is refused before the map is searched.
-        let early = judge(&[], &map, &query, verify);
-        if early.verdict == Verdict::Insufficient {
-            return Attempt::without_pose(voxel, early.verdict, early.reason);
+        // Nothing need be done on the map for a query that is too poor to look for.
+        if let Some(judgement) = insufficient(&query, verify) {
+            return Attempt {
+                voxel,
+                judgement,
+                ranked: Vec::new(),
+            };
         }
+        let map = self.stage("prepare map", map.len(), || surface(map));
         if map.points.len() < MIN_MAP_POINTS {
             let reason = format!(
                 "the map has {} points at a voxel size of {voxel:.3} m, too few to compare with",
@@ -249,16 +249,12 @@ impl Run<'_> {
         verify: &VerifyConfig,
     ) -> (Vec<Candidate>, Judgement) {
         let icp_config = point_to_plane(&self.config.icp);
-        let candidate = |c: &Candidate| {
-            let refined = icp::align(map, query, &c.map_from_query, &icp_config);
-            Candidate {
-                map_from_query: refined.map_from_query,
-                fit: fit(map, query, &refined.map_from_query, verify),
-                stop: Some(refined.stop),
-            }
-        };
+        let candidate = |r: &Refined| candidate(r.map_from_query, Some(r.stop), map, query, verify);
         let mut refined = self.stage("refine rivals", candidates.len(), || {
-            let refined: Vec<Candidate> = candidates.par_iter().map(candidate).collect();
+            let refined: Vec<Candidate> = candidates
+                .par_iter()
+                .map(|c| candidate(&icp::align(map, query, &c.map_from_query, &icp_config)))
+                .collect();
             let n = refined.len();
             (refined, n)
         });
@@ -360,34 +356,38 @@ impl Run<'_> {
         if method.uses_ndt() && !poses.is_empty() {
             poses = self.stage("refine by NDT", poses.len(), || {
                 let levels: Vec<NdtCells> = ndt::levels(map, &config.ndt);
-                let align = |p: &Pose| ndt::align(&levels, map, query, p, &config.ndt);
-                refine_all(&poses, align)
-            });
-        }
-        if method.uses_icp() && !poses.is_empty() {
-            let icp_config = if method == Method::Auto {
-                point_to_plane(&config.icp)
-            } else {
-                config.icp.clone()
-            };
-            poses = self.stage("refine by ICP", poses.len(), || {
-                let hopeful = hopeful(&poses, map, query, verify);
-                let n = hopeful.iter().filter(|h| **h).count();
-                let chosen: Vec<_> = poses
-                    .iter()
-                    .zip(&hopeful)
-                    .filter(|(_, h)| **h)
-                    .map(|(p, _)| *p)
+                let refined: Vec<_> = poses
+                    .par_iter()
+                    .map(|(p, _)| ndt::align(&levels, map, query, p, &config.ndt))
+                    .map(|r| (r.map_from_query, Some(r.stop)))
                     .collect();
-                let (refined, _) = refine_all(&chosen, |p| icp::align(map, query, p, &icp_config));
-                let mut refined = refined.into_iter();
-                for (pose, _) in poses.iter_mut().zip(&hopeful).filter(|(_, h)| **h) {
-                    *pose = refined.next().unwrap_or(*pose);
-                }
-                (poses, n)
+                let n = refined.len();
+                (refined, n)
             });
         }
-        candidates(&poses, map, query, verify)
+        let candidate =
+            |pose: Pose, stop: Option<StopReason>| candidate(pose, stop, map, query, verify);
+        let candidates: Vec<Candidate> = poses.iter().map(|(p, s)| candidate(*p, *s)).collect();
+        if !method.uses_icp() || candidates.is_empty() {
+            return candidates;
+        }
+        let icp_config = if method == Method::Auto {
+            point_to_plane(&config.icp)
+        } else {
+            config.icp.clone()
+        };
+        self.stage("refine by ICP", candidates.len(), || {
+            let hopeful = hopeful(&candidates, verify);
+            let polish = |(c, hopeful): (&Candidate, &bool)| {
+                if !hopeful {
+                    return *c;
+                }
+                let refined = icp::align(map, query, &c.map_from_query, &icp_config);
+                candidate(refined.map_from_query, Some(refined.stop))
+            };
+            let polished = candidates.par_iter().zip(&hopeful).map(polish).collect();
+            (polished, hopeful.iter().filter(|h| **h).count())
+        })
     }
 
     fn outcome(mut self, map: &Cloud, query: &Cloud, best: Attempt) -> Outcome {
@@ -459,41 +459,35 @@ impl Run<'_> {
     }
 }
 
-fn candidates(
-    poses: &[(Pose, Option<StopReason>)],
+/// A pose with the evidence for it, and why its refiner stopped.
+fn candidate(
+    pose: Pose,
+    stop: Option<StopReason>,
     map: &Surface,
     query: &Surface,
     verify: &VerifyConfig,
-) -> Vec<Candidate> {
-    let candidate = |(pose, stop): &(Pose, Option<StopReason>)| Candidate {
-        map_from_query: *pose,
-        fit: fit(map, query, pose, verify),
-        stop: *stop,
-    };
-    poses.iter().map(candidate).collect()
+) -> Candidate {
+    Candidate {
+        map_from_query: pose,
+        fit: fit(map, query, &pose, verify),
+        stop,
+    }
 }
 
-/// Which poses are worth the last refinement: the first always, on which the paper's methods build,
-/// and all that fit within [`VerifyConfig::hopeless_residual`] times the finest of those with enough
-/// overlap. Poses that no refiner has seen are all worth it.
-fn hopeful(
-    poses: &[(Pose, Option<StopReason>)],
-    map: &Surface,
-    query: &Surface,
-    verify: &VerifyConfig,
-) -> Vec<bool> {
-    let fits = candidates(poses, map, query, verify);
-    let finest = fits
+/// Which candidates are worth the last refinement: the first always, on which the paper's methods
+/// build, and all that fit within [`VerifyConfig::hopeless_residual`] times the finest of those with
+/// enough overlap. Those that no refiner has seen are all worth it.
+fn hopeful(candidates: &[Candidate], verify: &VerifyConfig) -> Vec<bool> {
+    let finest = candidates
         .iter()
         .filter(|c| c.fit.overlap >= verify.min_overlap)
         .map(|c| c.fit.median_point_to_plane)
         .fold(f64::INFINITY, f64::min);
-    fits.iter()
+    let limit = verify.hopeless_residual * finest;
+    candidates
+        .iter()
         .enumerate()
-        .map(|(i, c)| {
-            let limit = verify.hopeless_residual * finest;
-            i == 0 || c.stop.is_none() || c.fit.median_point_to_plane <= limit
-        })
+        .map(|(i, c)| i == 0 || c.stop.is_none() || c.fit.median_point_to_plane <= limit)
         .collect()
 }
 
@@ -502,20 +496,6 @@ fn point_to_plane(config: &IcpConfig) -> IcpConfig {
         metric: IcpMetric::PointToPlane,
         ..config.clone()
     }
-}
-
-/// Every pose refined, in the order given, and how many there are.
-fn refine_all(
-    poses: &[(Pose, Option<StopReason>)],
-    align: impl Fn(&Pose) -> Refined + Sync,
-) -> (Vec<(Pose, Option<StopReason>)>, usize) {
-    let refined: Vec<_> = poses
-        .par_iter()
-        .map(|(p, _)| align(p))
-        .map(|r| (r.map_from_query, Some(r.stop)))
-        .collect();
-    let n = refined.len();
-    (refined, n)
 }
 
 #[cfg(test)]

@@ -54,6 +54,18 @@ pub struct Judgement {
     pub information: Option<Information>,
 }
 
+impl Judgement {
+    /// A verdict that says nothing about a pose, or only that it is a poor one.
+    pub(crate) fn refused(verdict: Verdict, reason: String) -> Self {
+        Self {
+            verdict,
+            reason,
+            unobservable: None,
+            information: None,
+        }
+    }
+}
+
 /// Measures how `query` lies on `map` at `map_from_query`, at no more than
 /// [`VerifyConfig::max_points`] of its points.
 #[must_use]
@@ -174,6 +186,18 @@ pub fn judge(
     judge_against(ranked, finest, map, query, config)
 }
 
+/// The judgement of a query with too little geometry to look for; `None` for one with enough.
+pub(crate) fn insufficient(query: &Surface, config: &VerifyConfig) -> Option<Judgement> {
+    let with_normal = query.normals.iter().filter(|n| **n != [0.0; 3]).count();
+    (with_normal < config.min_points).then(|| {
+        let reason = format!(
+            "{with_normal} of the query's points are left with a surface normal at a voxel size of {:.3} m; at least {} are needed",
+            query.voxel, config.min_points
+        );
+        Judgement::refused(Verdict::Insufficient, reason)
+    })
+}
+
 /// As [`judge`], where the first candidate's place is known to fit within `finest` metres (median)
 /// once refined, though the candidate itself is not. Rivals, refined, must be compared with that.
 pub(crate) fn judge_against(
@@ -183,23 +207,12 @@ pub(crate) fn judge_against(
     query: &Surface,
     config: &VerifyConfig,
 ) -> Judgement {
-    let poor = |verdict, reason| Judgement {
-        verdict,
-        reason,
-        unobservable: None,
-        information: None,
-    };
-    let with_normal = query.normals.iter().filter(|n| **n != [0.0; 3]).count();
-    if with_normal < config.min_points {
-        let reason = format!(
-            "{with_normal} of the query's points are left with a surface normal at a voxel size of {:.3} m; at least {} are needed",
-            query.voxel, config.min_points
-        );
-        return poor(Verdict::Insufficient, reason);
+    if let Some(insufficient) = insufficient(query, config) {
+        return insufficient;
     }
     let Some(best) = ranked.first() else {
         let reason = "no pose has enough matching keypoints behind it".into();
-        return poor(Verdict::NotFound, reason);
+        return Judgement::refused(Verdict::NotFound, reason);
     };
     let fit = &best.fit;
     if fit.overlap < config.min_overlap || fit.overlap <= 0.0 {
@@ -208,7 +221,7 @@ pub(crate) fn judge_against(
             100.0 * fit.overlap,
             100.0 * config.min_overlap
         );
-        return poor(Verdict::NotFound, reason);
+        return Judgement::refused(Verdict::NotFound, reason);
     }
     let fine = fit.fitness / fit.overlap;
     if fine < config.min_fine_share {
@@ -218,7 +231,7 @@ pub(crate) fn judge_against(
             config.fine_tolerance.metres(map.voxel),
             100.0 * config.min_fine_share
         );
-        return poor(Verdict::NotFound, reason);
+        return Judgement::refused(Verdict::NotFound, reason);
     }
     let information = icp::information(
         map,

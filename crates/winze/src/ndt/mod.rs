@@ -12,7 +12,7 @@ mod cells;
 pub use cells::{NdtCell, NdtCells};
 
 use crate::config::{NdtConfig, NdtForm};
-use crate::eigen3::Symmetric3;
+use crate::eigen3::{cross, dot, times};
 use crate::icp;
 use crate::parallel;
 use crate::pose::Pose;
@@ -292,26 +292,6 @@ fn add_cell(system: &mut System, cell: &NdtCell, p: [f64; 3], arm: [f64; 3], hei
         system.g[r] += k * g[r];
     }
     system.cost -= height * e;
-}
-
-fn times(b: &Symmetric3, v: [f64; 3]) -> [f64; 3] {
-    [
-        b[0] * v[0] + b[1] * v[1] + b[2] * v[2],
-        b[1] * v[0] + b[3] * v[1] + b[4] * v[2],
-        b[2] * v[0] + b[4] * v[1] + b[5] * v[2],
-    ]
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 #[cfg(test)]
