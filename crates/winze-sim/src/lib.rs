@@ -1,12 +1,25 @@
 //! Simulated mines with exact truth.
 //!
-//! A mine is a solid block with drifts cut out of it, given by its signed distance; a LiDAR is
-//! carried through the drifts and its rays are followed to the rock. Everything is seeded and gives
-//! the same bits at any thread count.
+//! ```text
+//! scenario (TOML) ──> world (or a mesh file) ──> Caster ──> free space ──> ways ──> trajectories
+//!                                                  │                                   │ sensor, dust
+//!                                                  └───────────────────────────────> scans
+//!                                                                                      │ survey, with odometry's drift
+//!  cases.json, clouds <── labels (noise-free surface) <────────────────────── maps and queries with their truth
+//! ```
+//!
+//! Everything is seeded and gives the same bits at any thread count.
 
+pub mod error;
+pub mod free_space;
 pub mod lidar;
+pub mod mesh;
+pub mod mesh_file;
 pub mod mine;
 pub mod noise;
+pub mod raycast;
 pub mod scene;
+mod vec3;
 
+pub use error::{Error, Result};
 pub use scene::{Scene, demo};

@@ -25,7 +25,7 @@ pub fn value(p: [f64; 3], seed: u64) -> f64 {
 }
 
 /// A random value in `[-1, 1]` for each lattice point.
-fn lattice(c: [i64; 3], seed: u64) -> f64 {
+pub(crate) fn lattice(c: [i64; 3], seed: u64) -> f64 {
     let mut h = seed ^ 0x9E37_79B9_7F4A_7C15;
     for v in c {
         #[expect(clippy::cast_sign_loss, reason = "bits to be mixed")]
