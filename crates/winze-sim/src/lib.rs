@@ -20,6 +20,7 @@ pub mod noise;
 pub mod raycast;
 pub mod scene;
 mod vec3;
+pub mod world;
 
 pub use error::{Error, Result};
 pub use scene::{Scene, demo};
