@@ -10,6 +10,7 @@
 //!
 //! Everything is seeded and gives the same bits at any thread count.
 
+pub mod dust;
 pub mod error;
 pub mod free_space;
 pub mod lidar;
@@ -19,6 +20,7 @@ pub mod mine;
 pub mod noise;
 pub mod raycast;
 pub mod scene;
+pub mod sensor;
 mod vec3;
 pub mod world;
 
