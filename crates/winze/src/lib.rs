@@ -48,6 +48,8 @@
 //! | NDT, ICP | [`ndt::align`], [`icp::align`] | [`Refined`](refine::Refined) |
 //! | dense evidence, verdict | [`verify::fit`], [`verify::judge`] | [`Verdict`] |
 //!
+//! Where a map is asked more than once, [`locate_in`] with a [`KeptMap`] does the work on it once.
+//!
 //! # What is guaranteed
 //!
 //! * The same input, configuration and seed give the same bits, at any number of threads and on
@@ -71,6 +73,7 @@ pub mod fpfh;
 pub mod icp;
 pub mod iss;
 pub mod kdtree;
+pub mod kept;
 pub mod locate;
 pub mod matching;
 pub mod method;
@@ -86,7 +89,7 @@ pub mod refine;
 mod request;
 pub mod rng;
 pub mod scale;
-mod solve;
+pub mod solve;
 mod symmetric;
 #[cfg(test)]
 mod test_world;
@@ -96,7 +99,8 @@ pub mod voxel;
 pub use cloud::Cloud;
 pub use config::Config;
 pub use error::{Error, Result};
-pub use locate::{Request, locate, locate_by};
+pub use kept::{KeptMap, KeptQuery};
+pub use locate::{Request, locate, locate_by, locate_in};
 pub use method::Method;
 pub use outcome::{Outcome, Verdict};
 pub use pose::{Pose, PoseDistance};

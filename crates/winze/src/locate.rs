@@ -6,6 +6,7 @@
 //!                                                                     verify, judge ─> Outcome
 //! ```
 
+use std::borrow::Cow;
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -13,19 +14,17 @@ use rayon::prelude::*;
 use crate::cloud::Cloud;
 use crate::config::{Config, IcpConfig, IcpMetric, Length, VerifyConfig};
 use crate::error::{Error, Result};
-use crate::features::{Features, describe};
-use crate::kdtree::KdTree;
-use crate::matching::match_descriptors;
+use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt};
 use crate::method::Method;
 use crate::ndt::NdtCells;
 use crate::outcome::{Outcome, RankedHypothesis, Stage, Verdict};
 use crate::pose::Pose;
-use crate::prepare::{Surface, limit_range, prepare};
-use crate::refine::{Refined, StopReason};
+use crate::prepare::Surface;
+use crate::refine::{Refined, StopReason, keep_better};
 use crate::verify::{
     Candidate, Judgement, fit, insufficient, judge, judge_against, rank, same_place,
 };
-use crate::{icp, metrics, ndt, ransac, scale};
+use crate::{icp, ndt, ransac, scale};
 
 pub use crate::request::{GRAVITY_TOLERANCE, Near, Progress, Request};
 
@@ -51,25 +50,45 @@ pub fn locate_by(
     config: &Config,
     request: &Request<'_>,
 ) -> Result<Outcome> {
+    let mut map = KeptMap::once(Cow::Borrowed(map));
+    locate_in(&mut map, &mut KeptQuery::once(query), config, request)
+}
+
+/// Finds `query` in `map` by any method, and keeps the work on both for the next question: the
+/// same answer as [`locate_by`]'s, sooner. A stage whose work was kept takes no time.
+///
+/// A region asked for ([`Request::near`]) is cut out of the map anew each time.
+///
+/// # Errors
+/// As [`locate`].
+pub fn locate_in(
+    map: &mut KeptMap<'_>,
+    query: &mut KeptQuery<'_>,
+    config: &Config,
+    request: &Request<'_>,
+) -> Result<Outcome> {
     config.validate()?;
     let mut run = Run {
         config,
         request,
         begun: Instant::now(),
+        map_seconds: 0.0,
         stages: Vec::new(),
     };
-    if map.len() < MIN_MAP_POINTS {
-        return Err(Error::EmptyMap { points: map.len() });
+    if map.cloud().len() < MIN_MAP_POINTS {
+        return Err(Error::EmptyMap {
+            points: map.cloud().len(),
+        });
     }
-    let limited = limit_range(query, &config.prepare);
-    let cropped = request.near.map(|near| near.crop(map, &limited));
-    let (whole_map, map) = (map, cropped.as_ref().unwrap_or(map));
+    map.settle(config);
+    query.settle(config);
+    let mut cropped = request.near.map(|near| {
+        let part = near.crop(map.cloud(), query.limited(config));
+        KeptMap::once(Cow::Owned(part))
+    });
+    let region = cropped.as_mut().unwrap_or(&mut *map);
     let sizes = run
-        .stage("measure scale", map.len() + query.len(), || {
-            let sizes = sizes(map, &limited, config, request.method);
-            let n = sizes.as_ref().map_or(0, Vec::len);
-            (sizes, n)
-        })
+        .sizes(region, query)
         .ok_or_else(|| nothing_in(request.near))?;
     let mut best: Option<Attempt> = None;
     for &voxel in &sizes {
@@ -79,7 +98,7 @@ pub fn locate_by(
             fine_tolerance: Length::Metres(config.verify.fine_tolerance.metres(strictest)),
             ..config.verify.clone()
         };
-        let attempt = run.attempt(map, &limited, voxel, &verify);
+        let attempt = run.attempt(region, query, voxel, &verify);
         let settled = attempt.is_settled();
         if best.as_ref().is_none_or(|b| attempt.better_than(b)) {
             best = Some(attempt);
@@ -89,10 +108,10 @@ pub fn locate_by(
         }
     }
     let best = best.unwrap_or_else(|| {
+        let usable = query.limited(config).len();
         let reason = format!(
-            "the query has {} usable points{}, no two of them apart",
-            limited.len(),
-            if limited.len() < query.len() {
+            "the query has {usable} usable points{}, no two of them apart",
+            if usable < query.cloud().len() {
                 " within the range limits"
             } else {
                 ""
@@ -100,7 +119,7 @@ pub fn locate_by(
         );
         Attempt::without_pose(0.0, Verdict::Insufficient, reason)
     });
-    Ok(run.outcome(whole_map, query, best))
+    Ok(run.outcome(map, query.cloud(), best))
 }
 
 /// What is wrong with a map of which nothing is left to measure.
@@ -111,26 +130,6 @@ fn nothing_in(near: Option<Near>) -> Error {
         z: near.centre[2],
         radius_m: near.radius,
     })
-}
-
-/// Voxel sizes to try: the one that was set, else those that the data suggest. Only `auto` tries
-/// more than one. Empty where the query has no two distinct points, `None` where the map has none.
-fn sizes(map: &Cloud, query: &Cloud, config: &Config, method: Method) -> Option<Vec<f64>> {
-    if map.is_empty() {
-        return None;
-    }
-    if config.scale.voxel > 0.0 {
-        return Some(vec![config.scale.voxel]);
-    }
-    let map_measure = scale::measure(map)?;
-    let tries = if method == Method::Auto {
-        config.scale.tries
-    } else {
-        1
-    };
-    Some(
-        scale::measure(query).map_or_else(Vec::new, |m| scale::candidates(&map_measure, &m, tries)),
-    )
 }
 
 /// What one voxel size gave.
@@ -172,46 +171,80 @@ struct Run<'a> {
     config: &'a Config,
     request: &'a Request<'a>,
     begun: Instant,
+    /// Spent on the map alone.
+    map_seconds: f64,
     stages: Vec<Stage>,
 }
 
 impl Run<'_> {
+    /// Voxel sizes to try: the one that was set, else those that the data suggest. Only `auto` tries
+    /// more than one. Empty where the query has no two distinct points, `None` where the map has none.
+    fn sizes(&mut self, map: &mut KeptMap<'_>, query: &mut KeptQuery<'_>) -> Option<Vec<f64>> {
+        let config = self.config;
+        if map.cloud().is_empty() {
+            return None;
+        }
+        if config.scale.voxel > 0.0 {
+            return Some(vec![config.scale.voxel]);
+        }
+        let map_measure = self.map_stage("measure map", map.cloud().len(), || {
+            let measure = map.measure();
+            (measure, usize::from(measure.is_some()))
+        })?;
+        let points = query.limited(config).len();
+        let query_measure = self.stage("measure query", points, || {
+            let measure = query.measure(config);
+            (measure, usize::from(measure.is_some()))
+        });
+        let tries = if self.request.method == Method::Auto {
+            config.scale.tries
+        } else {
+            1
+        };
+        Some(query_measure.map_or_else(Vec::new, |m| scale::candidates(&map_measure, &m, tries)))
+    }
+
     fn attempt(
         &mut self,
-        map: &Cloud,
-        query: &Cloud,
+        map: &mut KeptMap<'_>,
+        query: &mut KeptQuery<'_>,
         voxel: f64,
         verify: &VerifyConfig,
     ) -> Attempt {
         let (config, request) = (self.config, self.request);
-        let surface = |c: &Cloud| {
-            let s = prepare(c, &config.prepare, voxel);
-            let n = s.points.len();
-            (s, n)
-        };
-        let query = self.stage("prepare query", query.len(), || surface(query));
+        let points = query.limited(config).len();
+        let query_at = self.stage("prepare query", points, || {
+            let at = query.at(voxel, config);
+            let n = at.surface.points.len();
+            (at, n)
+        });
         // Nothing need be done on the map for a query that is too poor to look for.
-        if let Some(judgement) = insufficient(&query, verify) {
+        if let Some(judgement) = insufficient(&query_at.surface, verify) {
             return Attempt {
                 voxel,
                 judgement,
                 ranked: Vec::new(),
             };
         }
-        let map = self.stage("prepare map", map.len(), || surface(map));
-        if map.points.len() < MIN_MAP_POINTS {
+        let map_at = self.map_stage("prepare map", map.cloud().len(), || {
+            let at = map.at(voxel, config);
+            let n = at.surface.points.len();
+            (at, n)
+        });
+        if map_at.surface.points.len() < MIN_MAP_POINTS {
             let reason = format!(
                 "the map has {} points at a voxel size of {voxel:.3} m, too few to compare with",
-                map.points.len()
+                map_at.surface.points.len()
             );
             return Attempt::without_pose(voxel, Verdict::NotFound, reason);
         }
         let starts = if request.method.uses_features() {
-            self.hypotheses(&map, &query, voxel)
+            self.hypotheses(map_at, query_at, voxel)
         } else {
             vec![request.initial.unwrap_or_default()]
         };
-        let mut candidates = self.refine(&map, &query, &starts, verify);
+        let mut candidates = self.refine(map_at, &query_at.surface, &starts, verify);
+        let (map, query) = (&map_at.surface, &query_at.surface);
         let found = candidates.len();
         // Refinement may have led a pose away from what is known beforehand.
         let centroid = query.centroid().unwrap_or_default();
@@ -222,11 +255,11 @@ impl Run<'_> {
         }
         let (ranked, judgement) = match candidates[..] {
             [lead, _, ..] if request.method != Method::Auto => {
-                self.weigh_rivals(&map, &query, lead, &candidates, verify)
+                self.weigh_rivals(map, query, lead, &candidates, verify)
             }
             _ => self.stage("verify", candidates.len(), || {
-                let ranked = rank(candidates, &query, verify, voxel);
-                let judgement = judge(&ranked, &map, &query, verify);
+                let ranked = rank(candidates, query, verify, voxel);
+                let judgement = judge(&ranked, map, query, verify);
                 let n = ranked.len();
                 ((ranked, judgement), n)
             }),
@@ -253,7 +286,15 @@ impl Run<'_> {
         let mut refined = self.stage("refine rivals", candidates.len(), || {
             let refined: Vec<Candidate> = candidates
                 .par_iter()
-                .map(|c| candidate(&icp::align(map, query, &c.map_from_query, &icp_config)))
+                .map(|c| {
+                    let after = candidate(&icp::align(map, query, &c.map_from_query, &icp_config));
+                    // A rival is owed what the lead got: its finer pose.
+                    if icp_config.keep_better {
+                        keep_better(*c, after)
+                    } else {
+                        after
+                    }
+                })
                 .collect();
             let n = refined.len();
             (refined, n)
@@ -282,31 +323,26 @@ impl Run<'_> {
     }
 
     /// Describe, match, estimate.
-    fn hypotheses(&mut self, map: &Surface, query: &Surface, voxel: f64) -> Vec<Pose> {
+    fn hypotheses(&mut self, map: &mut MapAt, query: &mut QueryAt, voxel: f64) -> Vec<Pose> {
         let config = self.config;
-        let features = |s: &Surface| {
-            let f = describe(s, config);
-            let n = f.points.len();
-            (f, n)
-        };
-        let map_features: Features = self.stage("describe map", map.points.len(), || features(map));
-        let query_features: Features =
-            self.stage("describe query", query.points.len(), || features(query));
-        let correspondences = self.stage("match", query_features.points.len(), || {
-            let c = match_descriptors(
-                &query_features.descriptors,
-                &map_features.descriptors,
-                &config.matching,
-            );
-            let n = c.len();
-            (c, n)
+        self.map_stage("describe map", map.surface.points.len(), || {
+            ((), map.describe(config).points.len())
         });
-        let (request, centroid) = (self.request, query.centroid().unwrap_or_default());
+        let keypoints = self.stage("describe query", query.surface.points.len(), || {
+            let n = query.describe(config).points.len();
+            (n, n)
+        });
+        self.stage("match", keypoints, || {
+            ((), query.matches(map, config).len())
+        });
+        let centroid = query.surface.centroid().unwrap_or_default();
+        let (map_features, query_features, correspondences) = query.evidence(map, config);
+        let request = self.request;
         let estimate = self.stage("estimate", correspondences.len(), || {
             let e = ransac::estimate(
-                &correspondences,
-                &query_features,
-                &map_features,
+                correspondences,
+                query_features,
+                map_features,
                 &config.ransac,
                 voxel,
                 config.seed,
@@ -326,7 +362,7 @@ impl Run<'_> {
     /// the order of `starts`.
     fn refine(
         &mut self,
-        map: &Surface,
+        map: &mut MapAt,
         query: &Surface,
         starts: &[Pose],
         verify: &VerifyConfig,
@@ -342,7 +378,7 @@ impl Run<'_> {
             poses = self.stage("shortlist", poses.len(), || {
                 let overlap: Vec<f64> = poses
                     .iter()
-                    .map(|(p, _)| fit(map, query, p, &first_look).overlap)
+                    .map(|(p, _)| fit(&map.surface, query, p, &first_look).overlap)
                     .collect();
                 let mut order: Vec<usize> = (0..poses.len()).collect();
                 // The first, on which the paper's methods build, stays whatever it looks like.
@@ -353,21 +389,39 @@ impl Run<'_> {
                 (kept, n)
             });
         }
-        if method.uses_ndt() && !poses.is_empty() {
-            poses = self.stage("refine by NDT", poses.len(), || {
-                let levels: Vec<NdtCells> = ndt::levels(map, &config.ndt);
-                let refined: Vec<_> = poses
-                    .par_iter()
-                    .map(|(p, _)| ndt::align(&levels, map, query, p, &config.ndt))
-                    .map(|r| (r.map_from_query, Some(r.stop)))
-                    .collect();
+        let candidates: Vec<Candidate> = if method.uses_ndt() && !poses.is_empty() {
+            let (levels, map) = self.map_stage("make NDT cells", map.surface.points.len(), || {
+                let (levels, surface) = map.cells(config);
+                let n = levels.iter().map(NdtCells::len).sum();
+                ((levels, surface), n)
+            });
+            let candidate =
+                |pose: Pose, stop: Option<StopReason>| candidate(pose, stop, map, query, verify);
+            // Far from the truth the residual says little; `auto` weighs many places instead.
+            let guarded = config.ndt.keep_better && method != Method::Auto;
+            self.stage("refine by NDT", poses.len(), || {
+                let refine = |(pose, stop): &(Pose, Option<StopReason>)| {
+                    let refined = ndt::align(levels, map, query, pose, &config.ndt);
+                    let after = candidate(refined.map_from_query, Some(refined.stop));
+                    if guarded {
+                        keep_better(candidate(*pose, *stop), after)
+                    } else {
+                        after
+                    }
+                };
+                let refined: Vec<Candidate> = poses.par_iter().map(refine).collect();
                 let n = refined.len();
                 (refined, n)
-            });
-        }
+            })
+        } else {
+            let place = |(pose, stop): &(Pose, Option<StopReason>)| {
+                candidate(*pose, *stop, &map.surface, query, verify)
+            };
+            poses.iter().map(place).collect()
+        };
+        let map = &map.surface;
         let candidate =
             |pose: Pose, stop: Option<StopReason>| candidate(pose, stop, map, query, verify);
-        let candidates: Vec<Candidate> = poses.iter().map(|(p, s)| candidate(*p, *s)).collect();
         if !method.uses_icp() || candidates.is_empty() {
             return candidates;
         }
@@ -383,23 +437,26 @@ impl Run<'_> {
                     return *c;
                 }
                 let refined = icp::align(map, query, &c.map_from_query, &icp_config);
-                candidate(refined.map_from_query, Some(refined.stop))
+                let polished = candidate(refined.map_from_query, Some(refined.stop));
+                if icp_config.keep_better {
+                    keep_better(*c, polished)
+                } else {
+                    polished
+                }
             };
             let polished = candidates.par_iter().zip(&hopeful).map(polish).collect();
             (polished, hopeful.iter().filter(|h| **h).count())
         })
     }
 
-    fn outcome(mut self, map: &Cloud, query: &Cloud, best: Attempt) -> Outcome {
+    fn outcome(mut self, map: &mut KeptMap<'_>, query: &Cloud, best: Attempt) -> Outcome {
         let verify = &self.config.verify;
         let pose = best.ranked.first().map(|c| c.map_from_query);
         let inliers = pose.map(|pose| {
+            let points = map.cloud().len();
+            self.map_stage("build map tree", points, || ((), map.tree().len()));
             self.stage("metrics", query.len(), || {
-                let tree = KdTree::build(map.points());
-                (
-                    metrics::inliers(&tree, map.origin(), query, &pose, verify.inlier_distance),
-                    query.len(),
-                )
+                (map.inliers(query, &pose, verify), query.len())
             })
         });
         let finite = |v: f64| v.is_finite().then_some(v);
@@ -431,11 +488,24 @@ impl Run<'_> {
             voxel: (best.voxel > 0.0).then_some(best.voxel),
             stages: self.stages,
             seconds: self.begun.elapsed().as_secs_f64(),
+            map_seconds: self.map_seconds,
             method: self.request.method.name(),
             seed: self.config.seed,
-            map_points: map.len(),
+            map_points: map.cloud().len(),
             query_points: query.len(),
         }
+    }
+
+    /// Runs a stage that looks at the map alone.
+    fn map_stage<T>(
+        &mut self,
+        name: &str,
+        count_in: usize,
+        work: impl FnOnce() -> (T, usize),
+    ) -> T {
+        let result = self.stage(name, count_in, work);
+        self.map_seconds += self.stages.last().map_or(0.0, |s| s.seconds);
+        result
     }
 
     /// Runs one stage, timed and told; `work` answers its result and how many things came out.

@@ -7,7 +7,7 @@ use crate::refine::StopReason;
 
 /// What is known about where the query lies. Never an error: each is an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(rename_all = "snake_case"))]
 pub enum Verdict {
     /// Here it is.
@@ -112,6 +112,9 @@ pub struct Outcome {
     pub stages: Vec<Stage>,
     /// Wall time of them all, seconds.
     pub seconds: f64,
+    /// Of these, seconds spent on the map alone: what need not be done again for the next query, where
+    /// the map is kept.
+    pub map_seconds: f64,
     /// The method's name.
     pub method: &'static str,
     /// The seed.

@@ -6,18 +6,23 @@ use crate::symmetric::eigen;
 
 /// Sums of `w JᵀJ` (upper triangle, row by row), `w Jᵀr` and the cost.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(crate) struct System {
-    pub(crate) h: [f64; 21],
-    pub(crate) g: [f64; 6],
-    pub(crate) cost: f64,
-    pub(crate) weight: f64,
-    pub(crate) count: usize,
+pub struct System {
+    /// Upper triangle of `Σ w JᵀJ`, row by row.
+    pub h: [f64; 21],
+    /// `Σ w Jᵀr`.
+    pub g: [f64; 6],
+    /// `Σ w r²`.
+    pub cost: f64,
+    /// `Σ w`.
+    pub weight: f64,
+    /// Rows added.
+    pub count: usize,
 }
 
 impl System {
     /// Adds one scalar residual with its Jacobian row and weight.
     #[inline]
-    pub(crate) fn add_row(&mut self, j: &[f64; 6], r: f64, w: f64) {
+    pub fn add_row(&mut self, j: &[f64; 6], r: f64, w: f64) {
         let mut k = 0;
         for a in 0..6 {
             let wa = w * j[a];
@@ -32,7 +37,8 @@ impl System {
         self.count += 1;
     }
 
-    pub(crate) fn merge(&mut self, other: Self) {
+    /// Adds another's sums; the order of merging is part of the answer.
+    pub fn merge(&mut self, other: Self) {
         for (a, b) in self.h.iter_mut().zip(other.h) {
             *a += b;
         }
@@ -45,7 +51,8 @@ impl System {
     }
 
     /// The full symmetric matrix.
-    pub(crate) fn matrix(&self) -> [[f64; 6]; 6] {
+    #[must_use]
+    pub fn matrix(&self) -> [[f64; 6]; 6] {
         let mut m = [[0.0; 6]; 6];
         let mut k = 0;
         for a in 0..6 {
@@ -62,7 +69,8 @@ impl System {
     /// `length` metres of arc, so that both halves of the matrix compare; directions whose
     /// curvature is below `floor` times the largest are left alone, since the data say nothing
     /// about them. Negative curvature (NDT) counts by its size, which keeps the step downhill.
-    pub(crate) fn step(&self, length: f64, floor: f64) -> Option<[f64; 6]> {
+    #[must_use]
+    pub fn step(&self, length: f64, floor: f64) -> Option<[f64; 6]> {
         let scale = |i: usize| if i < 3 { 1.0 } else { 1.0 / length };
         let mut m = self.matrix();
         for (i, row) in m.iter_mut().enumerate() {

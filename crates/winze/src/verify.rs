@@ -25,6 +25,12 @@ pub struct Fit {
     /// Median distance of the overlapping points from the tangent planes, metres; infinite where
     /// nothing overlaps.
     pub median_point_to_plane: f64,
+    /// Mean over the query points of the distance from the tangent plane, metres, where twice the fine
+    /// tolerance is the most that counts and what a point that does not overlap adds.
+    ///
+    /// It tells poses of one place apart ([`keep_better`](crate::refine::keep_better)): each point has a say in proportion, while
+    /// those that the map does not hold say the same at either pose.
+    pub bounded_residual: f64,
     /// Share of query points within the paper's inlier distance of a prepared map point.
     pub inlier_fraction: f64,
 }
@@ -113,6 +119,15 @@ pub fn fit(map: &Surface, query: &Surface, map_from_query: &Pose, config: &Verif
         .filter(|(d, _)| *d < config.inlier_distance)
         .count();
     let fine = planes.iter().filter(|r| **r <= tolerance).count();
+    let most = 2.0 * tolerance;
+    let apart = chosen.len().saturating_sub(planes.len());
+    #[expect(clippy::cast_precision_loss, reason = "counts")]
+    let bounded_residual = if chosen.is_empty() {
+        most
+    } else {
+        let near: f64 = planes.iter().map(|r| r.min(most)).sum();
+        (near + most * apart as f64) / chosen.len() as f64
+    };
     let median_point_to_plane = if planes.is_empty() {
         f64::INFINITY
     } else {
@@ -123,6 +138,7 @@ pub fn fit(map: &Surface, query: &Surface, map_from_query: &Pose, config: &Verif
         overlap: share(planes.len()),
         fitness: share(fine),
         median_point_to_plane,
+        bounded_residual,
         inlier_fraction: share(inliers),
     }
 }
@@ -398,6 +414,7 @@ mod tests {
                 overlap: 1.0,
                 fitness,
                 median_point_to_plane: 0.01,
+                bounded_residual: 0.01,
                 inlier_fraction: 1.0,
             },
             stop: None,

@@ -148,6 +148,9 @@ section! {
         min_pairs: usize = 20, Any;
         /// Iterations at each cell size.
         max_iterations: usize = 30, Between(1.0, 1e6);
+        /// In the paper's methods, a pose that NDT leaves less finely on the map than it was is not followed
+        /// (`auto` weighs many places instead).
+        keep_better: bool = true, Any;
         /// Ends when a step is shorter than this, metres,
         translation_epsilon: f64 = 0.001, NonNegative;
         /// and turns less than this, radians.
@@ -182,6 +185,9 @@ section! {
         translation_epsilon: f64 = 0.0005, NonNegative;
         /// and turns less than this, radians.
         rotation_epsilon: f64 = 0.00005, NonNegative;
+        /// Keep the pose it began with where that lies more finely on the map's surface; `false`
+        /// runs the paper's bare chain.
+        keep_better: bool = true, Any;
     }
 }
 

@@ -1,4 +1,5 @@
 use super::*;
+use crate::prepare::prepare;
 use crate::test_world::{cloud, drift};
 
 /// A rough drift of 30 m, and the middle of it measured again, in a frame of its own.
@@ -150,4 +151,40 @@ fn other_rock_on_the_same_plan_is_refused_at_every_scale() {
         .collect::<Vec<_>>();
     let outcome = by(&cloud(&other), &query, &Request::default());
     assert_ne!(outcome.verdict, Verdict::Located, "{}", outcome.reason);
+}
+
+#[test]
+fn the_bare_chain_ends_where_icp_does_and_the_guarded_one_no_worse() {
+    let (map, query, truth) = pair(1);
+    let map = cloud(&map);
+    let start = truth.compose(&Pose::from_translation([0.2, -0.1, 0.1]));
+    let mut config = Config::default();
+    config.scale.voxel = 0.2;
+    let mut run = |keep_better| {
+        config.icp.keep_better = keep_better;
+        config.ndt.keep_better = keep_better;
+        let request = Request {
+            method: Method::NdtIcp,
+            initial: Some(start),
+            ..Request::default()
+        };
+        locate_by(&map, &query, &config, &request).unwrap()
+    };
+    let (bare, guarded) = (run(false), run(true));
+    let surface = |c| prepare(c, &config.prepare, 0.2);
+    let (map, query) = (surface(&map), surface(&query));
+    let levels = ndt::levels(&map, &config.ndt);
+    let by_ndt = ndt::align(&levels, &map, &query, &start, &config.ndt);
+    let by_icp = icp::align(&map, &query, &by_ndt.map_from_query, &config.icp);
+    assert_eq!(bare.map_from_query, Some(by_icp.map_from_query));
+    assert_eq!(bare.hypotheses[0].stop, Some(by_icp.stop));
+    let residual =
+        |r: &Refined| fit(&map, &query, &r.map_from_query, &config.verify).bounded_residual;
+    let (pose, stop) = if residual(&by_ndt) < residual(&by_icp) {
+        (by_ndt.map_from_query, StopReason::NoBetter)
+    } else {
+        (by_icp.map_from_query, by_icp.stop)
+    };
+    assert_eq!(guarded.map_from_query, Some(pose));
+    assert_eq!(guarded.hypotheses[0].stop, Some(stop));
 }
