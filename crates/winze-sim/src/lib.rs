@@ -10,17 +10,22 @@
 //!
 //! Everything is seeded and gives the same bits at any thread count.
 
+pub mod cases;
 pub mod dust;
 pub mod error;
 pub mod free_space;
+pub mod labels;
 pub mod lidar;
 pub mod mesh;
 pub mod mesh_file;
 pub mod mine;
+pub mod motion;
 pub mod noise;
 pub mod raycast;
+pub mod scenario;
 pub mod scene;
 pub mod sensor;
+pub mod survey;
 mod vec3;
 pub mod world;
 

@@ -1,0 +1,528 @@
+//! What is true of a query whatever program looks for it: how much of it the map holds, whether another
+//! place would fit as well, along which directions it could slide.
+//!
+//! All is computed on the noise-free surface that map and query saw, not on their clouds, and by none of the
+//! library's verification: a point of the query is *explained* by a pose where mapped surface lies within
+//! [`REACH`] of it and its distance from that surface's tangent plane is less than [`SIGMAS`] standard deviations of
+//! the query sensor's noise at its range, or [`FINEST`] where that is more. Another place makes a query
+//! ambiguous where it explains as much as the true one, and of what has mapped surface [`BESIDE`] it as large a share,
+//! but for [`SLACK`]. A query of which the map explains less than [`MIN_EXPLAINED`] at the truth is not asked about.
+
+use rayon::prelude::*;
+use rustc_hash::FxHashSet;
+use winze::Pose;
+use winze::kdtree::KdTree;
+use winze::rng::Rng;
+use winze::solve::System;
+
+use crate::sensor::{Return, ReturnOrigin};
+use crate::vec3::{cross, distance, dot, norm, sub};
+
+/// Mapped surface this near to a true point of the query is overlap, metres.
+pub const REACH: f64 = 0.25;
+/// A surface differs from the one that was seen where, free of noise, it lies this many standard deviations off.
+pub const SIGMAS: f64 = 1.0;
+/// No map is finer than this, metres, however good its sensor.
+pub const FINEST: f64 = 0.03;
+/// Mapped surface this near to a point lies beside it, metres.
+pub const BESIDE: f64 = 0.5;
+/// Share by which a rival may explain less than the truth, and of the points beside mapped surface, fewer.
+pub const SLACK: f64 = 0.05;
+/// Least share of the query that the map must explain at the truth before rivals are asked about.
+pub const MIN_EXPLAINED: f64 = 0.1;
+
+/// Points that places are proposed by, and that they are judged by.
+const SKETCH: usize = 96;
+const JUDGED: usize = 1500;
+/// Radius of the part of the query that places are proposed by, metres.
+const NEIGHBOURHOOD: f64 = 8.0;
+/// Cell of the coarse occupancy that places are proposed on, metres.
+const COARSE: f64 = 0.5;
+/// Headings tried at each place.
+const HEADINGS: u32 = 72;
+/// Proposals at most, those that a first, quick settling leaves, and the points and steps of each.
+const PROPOSED: usize = 1500;
+const REFINED: usize = 24;
+const QUICK: (usize, usize) = (80, 5);
+const THOROUGH: (usize, usize) = (400, 15);
+/// Proposals nearer than this, metres, and turned by less than this many headings are one.
+const APART: (f64, u32) = (1.5, 4);
+
+/// A place on the true surface that a query saw, free of noise and drift.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Witness {
+    /// Where it is, world frame, metres.
+    pub point: [f64; 3],
+    /// The surface's unit normal there.
+    pub normal: [f64; 3],
+    /// One standard deviation of the sensor's range at its distance, metres.
+    pub sigma: f64,
+    /// It lies on something that was not there, or not so, when the map was made.
+    pub new: bool,
+}
+
+/// Edge of the voxels of which each keeps one witness, metres: near surfaces count no more than far ones.
+const WITNESS_VOXEL: f64 = 0.1;
+
+/// The witness that a return gives, with the key of its voxel; `None` for one that met no surface. `sigma`
+/// tells the sensor's noise at a range, `is_new` whether a part is.
+#[must_use]
+pub fn witness(
+    r: &Return,
+    world_from_sensor: &Pose,
+    sigma: impl Fn(f64) -> f64,
+    is_new: impl Fn(u16) -> bool,
+) -> Option<([i64; 3], Witness)> {
+    if r.origin != ReturnOrigin::Surface {
+        return None;
+    }
+    let point = world_from_sensor.transform(r.true_point()?);
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "mines are smaller than 2^63 voxels"
+    )]
+    let key = point.map(|v| (v / WITNESS_VOXEL).floor() as i64);
+    let witness = Witness {
+        point,
+        normal: r.normal,
+        sigma: sigma(r.range),
+        new: is_new(r.part),
+    };
+    Some((key, witness))
+}
+
+/// The surface that a survey saw, free of noise: a point and a normal a voxel.
+pub struct MappedSurface {
+    origin: [f64; 3],
+    normals: Vec<[f32; 3]>,
+    points: Vec<[f32; 3]>,
+    tree: KdTree,
+    coarse: FxHashSet<[i32; 3]>,
+    places: Vec<[f64; 3]>,
+}
+
+/// How mapped surface answers for a query at a pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Fit {
+    /// Share of the query's points that it explains.
+    explained: f64,
+    /// Share that it explains of those with mapped surface beside them: what lies beside a wall but not on it
+    /// speaks against the pose.
+    agreeing: f64,
+}
+
+impl Fit {
+    /// It is as good as the truth's, but for [`SLACK`].
+    fn rivals(&self, truth: &Self) -> bool {
+        self.explained >= (1.0 - SLACK) * truth.explained && self.agreeing >= truth.agreeing - SLACK
+    }
+}
+
+/// What is true of a query in a map.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Labels {
+    /// Share of the query's true surface points (new objects aside) within [`REACH`] of mapped surface.
+    pub overlap: f64,
+    /// Rigid moves of the world that put the query onto other places that explain it as well.
+    pub alternatives: Vec<Pose>,
+    /// Directions along which, or about which, it can be moved without being explained any less; unit vectors,
+    /// world axes; rotations are about the query's centroid.
+    pub unobservable: Vec<Open>,
+}
+
+/// An open direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Open {
+    /// A rotation about it, else a translation along it.
+    pub rotation: bool,
+    /// The unit direction, world axes.
+    pub direction: [f64; 3],
+}
+
+/// How far from the truth a pose may lie and still be right.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tolerance {
+    /// Displacement of the query's centroid, metres.
+    pub translation: f64,
+    /// Angle, radians.
+    pub rotation: f64,
+}
+
+impl MappedSurface {
+    /// From the noise-free points and unit normals that a survey saw (world frame) and the places where a
+    /// robot's sensor can be.
+    #[must_use]
+    pub fn new(seen: &[Witness], places: &[[f64; 3]]) -> Self {
+        let origin = seen.first().map_or([0.0; 3], |w| w.point.map(f64::round));
+        #[expect(clippy::cast_possible_truncation, reason = "offsets from the origin")]
+        let offset =
+            |p: [f64; 3]| -> [f32; 3] { std::array::from_fn(|a| (p[a] - origin[a]) as f32) };
+        let points: Vec<[f32; 3]> = seen.iter().map(|w| offset(w.point)).collect();
+        #[expect(clippy::cast_possible_truncation, reason = "unit vectors")]
+        let normals = seen.iter().map(|w| w.normal.map(|v| v as f32)).collect();
+        // A cell is occupied where surface lies in it or in one that touches it.
+        let mut coarse = FxHashSet::default();
+        for w in seen {
+            let c = cell(w.point);
+            for d in 0..27 {
+                coarse.insert([c[0] + d % 3 - 1, c[1] + d / 3 % 3 - 1, c[2] + d / 9 - 1]);
+            }
+        }
+        Self {
+            origin,
+            tree: KdTree::build(&points),
+            points,
+            normals,
+            coarse,
+            places: places.to_vec(),
+        }
+    }
+
+    /// Points it is made of.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Nothing was seen.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// Distance to the nearest mapped point and to its tangent plane (signed), with the normal.
+    fn nearest(&self, p: [f64; 3], within: f64) -> Option<(f64, f64, [f64; 3])> {
+        #[expect(clippy::cast_possible_truncation, reason = "offsets from the origin")]
+        let q: [f32; 3] = std::array::from_fn(|a| (p[a] - self.origin[a]) as f32);
+        #[expect(clippy::cast_possible_truncation, reason = "metres")]
+        let near = self.tree.nearest_within(q, within as f32)?;
+        let i = near.index as usize;
+        let (m, n) = (self.points.get(i)?, self.normals.get(i)?.map(f64::from));
+        let out = (0..3)
+            .map(|a| (f64::from(q[a]) - f64::from(m[a])) * n[a])
+            .sum();
+        Some((f64::from(near.distance_squared).sqrt(), out, n))
+    }
+
+    /// How the surface answers for `points` once they are moved.
+    fn fit(&self, points: &[Witness], moved: &Pose) -> Fit {
+        let (mut beside, mut explained) = (0, 0);
+        for w in points {
+            let Some((distance, out, _)) = self.nearest(moved.transform(w.point), BESIDE) else {
+                continue;
+            };
+            beside += 1;
+            let within = out.abs() <= (SIGMAS * w.sigma).max(FINEST);
+            explained += usize::from(distance <= REACH && within);
+        }
+        Fit {
+            explained: share(explained, points.len()),
+            agreeing: share(explained, beside),
+        }
+    }
+}
+
+/// What is true of a query, by its noise-free points.
+#[must_use]
+pub fn label(
+    map: &MappedSurface,
+    witnesses: &[Witness],
+    tolerance: Tolerance,
+    seed: u64,
+) -> Labels {
+    let lasting: Vec<Witness> = witnesses.iter().filter(|w| !w.new).copied().collect();
+    let overlap = share(
+        lasting
+            .iter()
+            .filter(|w| map.nearest(w.point, REACH).is_some())
+            .count(),
+        lasting.len(),
+    );
+    let judged = evenly(&lasting, JUDGED);
+    let at_truth = map.fit(&judged, &Pose::identity());
+    let mut labels = Labels {
+        overlap,
+        alternatives: Vec::new(),
+        unobservable: Vec::new(),
+    };
+    if at_truth.explained < MIN_EXPLAINED {
+        return labels;
+    }
+    labels.unobservable = open_directions(map, &judged, tolerance, &at_truth);
+    labels.alternatives = alternatives(
+        map,
+        &judged,
+        tolerance,
+        &at_truth,
+        &labels.unobservable,
+        seed,
+    );
+    labels
+}
+
+/// The principal directions of the query's geometry along which a move by the tolerance, either way,
+/// still explains enough.
+fn open_directions(
+    map: &MappedSurface,
+    judged: &[Witness],
+    tolerance: Tolerance,
+    at_truth: &Fit,
+) -> Vec<Open> {
+    let centre = centroid(judged);
+    let mut open = Vec::new();
+    for rotation in [false, true] {
+        for direction in principal(judged, centre, rotation) {
+            let still = [-1.0, 1.0].iter().all(|sign| {
+                let by = |size: f64| direction.map(|v| sign * size * v);
+                let moved = if rotation {
+                    Pose::identity().perturbed([0.0; 3], by(tolerance.rotation), centre)
+                } else {
+                    Pose::identity().perturbed(by(tolerance.translation), [0.0; 3], centre)
+                };
+                map.fit(judged, &moved).rivals(at_truth)
+            });
+            if still {
+                open.push(Open {
+                    rotation,
+                    direction,
+                });
+            }
+        }
+    }
+    open
+}
+
+/// Eigenvectors of the point-to-plane information of translations, or of rotations about the centre.
+fn principal(points: &[Witness], centre: [f64; 3], rotation: bool) -> [[f64; 3]; 3] {
+    let mut m = [[0.0; 3]; 3];
+    for w in points {
+        let v = if rotation {
+            cross(sub(w.point, centre), w.normal)
+        } else {
+            w.normal
+        };
+        for i in 0..3 {
+            for j in 0..3 {
+                m[i][j] += v[i] * v[j];
+            }
+        }
+    }
+    let upper = [m[0][0], m[0][1], m[0][2], m[1][1], m[1][2], m[2][2]];
+    winze::eigen3::eigen3(&upper).vectors
+}
+
+/// Distinct other places that explain enough.
+fn alternatives(
+    map: &MappedSurface,
+    judged: &[Witness],
+    tolerance: Tolerance,
+    at_truth: &Fit,
+    open: &[Open],
+    seed: u64,
+) -> Vec<Pose> {
+    let centre = centroid(judged);
+    let slides: Vec<[f64; 3]> = open
+        .iter()
+        .filter(|o| !o.rotation)
+        .map(|o| o.direction)
+        .collect();
+    // Not another place: the truth, or where it can slide to.
+    let same = |a: &Pose, b: &Pose| {
+        let mut d = sub(a.transform(centre), b.transform(centre));
+        for s in &slides {
+            let along = dot(d, *s);
+            d = std::array::from_fn(|i| d[i] - along * s[i]);
+        }
+        norm(d) <= 2.0 * tolerance.translation
+            && a.distance(b, centre).rotation <= 2.0 * tolerance.rotation
+    };
+    let settled = |starts: &[Pose], (points, steps): (usize, usize), judges: &[Witness]| {
+        let points = evenly(judged, points);
+        let mut settled: Vec<(Fit, Pose)> = starts
+            .par_iter()
+            .map(|start| {
+                let pose = settle(map, &points, *start, centre, steps);
+                (map.fit(judges, &pose), pose)
+            })
+            .collect();
+        settled.sort_by(|a, b| b.0.explained.total_cmp(&a.0.explained));
+        settled
+    };
+    let quick = settled(&proposals(map, judged, seed), QUICK, &evenly(judged, 200));
+    let mut hopeful: Vec<Pose> = Vec::new();
+    for (_, pose) in quick {
+        let taken = |other: &Pose| {
+            let apart = pose.distance(other, centre);
+            apart.translation < 1.0 && apart.rotation < 0.1
+        };
+        if hopeful.len() < REFINED && !same(&pose, &Pose::identity()) && !hopeful.iter().any(taken)
+        {
+            hopeful.push(pose);
+        }
+    }
+    let mut found = settled(&hopeful, THOROUGH, judged);
+    found.retain(|(fit, pose)| fit.rivals(at_truth) && !same(pose, &Pose::identity()));
+    let mut distinct: Vec<Pose> = Vec::new();
+    for (_, pose) in found {
+        if !distinct.iter().any(|d| same(d, &pose)) {
+            distinct.push(pose);
+        }
+    }
+    distinct
+}
+
+/// Upright moves of the world that put the query's middle onto places of the map where, coarsely, surface is
+/// where it should be; the best of each neighbourhood.
+fn proposals(map: &MappedSurface, judged: &[Witness], seed: u64) -> Vec<Pose> {
+    let centre = centroid(judged);
+    // The place that the robot was at: the nearest to its points' middle.
+    let Some(anchor) = map
+        .places
+        .iter()
+        .min_by(|a, b| distance(**a, centre).total_cmp(&distance(**b, centre)))
+    else {
+        return Vec::new();
+    };
+    let near: Vec<Witness> = judged
+        .iter()
+        .filter(|w| distance(w.point, *anchor) < NEIGHBOURHOOD)
+        .copied()
+        .collect();
+    let mut rng = Rng::new(seed, 0x0A17);
+    let mut sketch = evenly(&near, 4 * SKETCH);
+    while sketch.len() > SKETCH {
+        #[expect(clippy::cast_possible_truncation, reason = "a few hundred")]
+        let drop = rng.below(sketch.len() as u32) as usize;
+        sketch.swap_remove(drop);
+    }
+    if sketch.is_empty() {
+        return Vec::new();
+    }
+    let offsets: Vec<[f64; 3]> = sketch.iter().map(|w| sub(w.point, *anchor)).collect();
+    let scored: Vec<(usize, usize, u32)> = map
+        .places
+        .par_iter()
+        .enumerate()
+        .map(|(at, place)| {
+            let mut best: Vec<(usize, usize, u32)> = Vec::new();
+            for heading in 0..HEADINGS {
+                let (sin, cos) = turn(heading);
+                let hits = offsets
+                    .iter()
+                    .filter(|o| {
+                        map.coarse.contains(&cell([
+                            place[0] + cos * o[0] - sin * o[1],
+                            place[1] + sin * o[0] + cos * o[1],
+                            place[2] + o[2],
+                        ]))
+                    })
+                    .count();
+                best.push((hits, at, heading));
+            }
+            best.sort_by(|a, b| b.0.cmp(&a.0).then(a.2.cmp(&b.2)));
+            best.truncate(4);
+            best
+        })
+        .flatten_iter()
+        .collect();
+    let mut order = scored;
+    order.sort_by(|a, b| b.0.cmp(&a.0).then(a.1.cmp(&b.1)).then(a.2.cmp(&b.2)));
+    let mut kept: Vec<(usize, u32)> = Vec::new();
+    for (hits, at, heading) in order {
+        if 2 * hits < offsets.len() || kept.len() >= PROPOSED {
+            break;
+        }
+        let close = |(other, h): &(usize, u32)| {
+            let apart = heading.abs_diff(*h);
+            let (Some(a), Some(b)) = (map.places.get(at), map.places.get(*other)) else {
+                return true;
+            };
+            distance(*a, *b) < APART.0 && apart.min(HEADINGS - apart) < APART.1
+        };
+        if !kept.iter().any(close) {
+            kept.push((at, heading));
+        }
+    }
+    kept.iter()
+        .filter_map(|(at, heading)| {
+            let place = map.places.get(*at)?;
+            let (sin, cos) = turn(*heading);
+            let yaw = Pose::from_yaw_pitch_roll(libm::atan2(sin, cos), 0.0, 0.0, [0.0; 3]);
+            let turned = yaw.transform(*anchor);
+            let shift = std::array::from_fn(|a| place[a] - turned[a]);
+            Some(Pose::from_translation(shift).compose(&yaw))
+        })
+        .collect()
+}
+
+/// Gauss-Newton on point-to-plane distances, from pairs a metre apart down to a fifth.
+fn settle(
+    map: &MappedSurface,
+    points: &[Witness],
+    start: Pose,
+    centre: [f64; 3],
+    steps: usize,
+) -> Pose {
+    let mut pose = start;
+    for step in 0..steps {
+        #[expect(clippy::cast_precision_loss, reason = "a few steps")]
+        let progress = step as f64 / steps as f64;
+        let within = 1.2 * libm::pow(0.16, progress);
+        let c = pose.transform(centre);
+        let mut system = System::default();
+        for w in points {
+            let p = pose.transform(w.point);
+            let Some((_, out, n)) = map.nearest(p, within) else {
+                continue;
+            };
+            let turn = cross(sub(p, c), n);
+            system.add_row(&[n[0], n[1], n[2], turn[0], turn[1], turn[2]], out, 1.0);
+        }
+        // Directions that nothing resists are left alone.
+        let Some(x) = system.step(NEIGHBOURHOOD, 1e-3) else {
+            return pose;
+        };
+        pose = pose.perturbed([x[0], x[1], x[2]], [x[3], x[4], x[5]], c);
+    }
+    pose
+}
+
+fn turn(heading: u32) -> (f64, f64) {
+    let angle = std::f64::consts::TAU * f64::from(heading) / f64::from(HEADINGS);
+    (libm::sin(angle), libm::cos(angle))
+}
+
+fn cell(p: [f64; 3]) -> [i32; 3] {
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "mines are smaller than 2^31 half metres"
+    )]
+    p.map(|v| (v / COARSE).floor() as i32)
+}
+
+fn centroid(points: &[Witness]) -> [f64; 3] {
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let n = points.len().max(1) as f64;
+    let mut sum = [0.0; 3];
+    for w in points {
+        for (s, v) in sum.iter_mut().zip(w.point) {
+            *s += v;
+        }
+    }
+    sum.map(|s| s / n)
+}
+
+/// At most `most` of them, evenly drawn.
+fn evenly(points: &[Witness], most: usize) -> Vec<Witness> {
+    let step = points.len().div_ceil(most.max(1)).max(1);
+    points.iter().step_by(step).copied().collect()
+}
+
+fn share(count: usize, of: usize) -> f64 {
+    #[expect(clippy::cast_precision_loss, reason = "counts")]
+    let share = count as f64 / of.max(1) as f64;
+    share
+}
+
+#[cfg(test)]
+mod tests;
