@@ -57,6 +57,18 @@ pub(crate) enum Verb {
     /// Exits with 0 where the query is located, 1 where the answer is another one (ambiguous,
     /// degenerate, not_found, insufficient), 2 on an error.
     Locate(Locate),
+    /// Simulate a mine: a map, queries and the truth, by a built-in scenario or one of your own.
+    ///
+    /// Without a scenario, lists those that are built in.
+    Sim(Sim),
+    /// Run methods over cases with known truth, and print how often and how well they answer.
+    ///
+    /// Exits with 0 where every case was answered, rightly or not, 2 on an error, also of a single case
+    /// (the others are in the tables all the same).
+    Eval(Eval),
+    /// One method over cases, for `eval`.
+    #[command(hide = true)]
+    EvalWorker,
     /// Tell what is in cloud files.
     Info(Info),
     /// Convert a cloud file to another format, by the extensions.
@@ -112,6 +124,62 @@ pub(crate) struct Locate {
 }
 
 #[derive(Debug, clap::Args)]
+pub(crate) struct Sim {
+    /// A built-in scenario's name, or a TOML file.
+    pub(crate) scenario: Option<String>,
+    /// Folder for maps, queries, truth and cases.json.
+    #[arg(long, short, value_name = "DIR")]
+    pub(crate) out: Option<PathBuf>,
+    /// Print the scenario instead of playing it.
+    #[arg(long)]
+    pub(crate) show: bool,
+    /// At most this many queries of each family, the first ones.
+    #[arg(long, value_name = "N")]
+    pub(crate) count: Option<usize>,
+    /// Write the mines' meshes as well.
+    #[arg(long)]
+    pub(crate) mesh: bool,
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Eval {
+    /// A cases.json, or a folder that holds one.
+    pub(crate) cases: PathBuf,
+    /// A method as for `locate`; may be repeated.
+    #[arg(long, short, default_value = "auto", value_name = "NAME")]
+    pub(crate) method: Vec<Method>,
+    /// Run each case with so many seeds, from --seed on; 20 with --paper, else 1. (ndt+icp draws nothing
+    /// at random and runs once.)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub(crate) seeds: Option<u64>,
+    /// Print the paper's two tables beside its own figures: its five methods, and auto, on its six clouds.
+    #[arg(long, conflicts_with_all = ["method", "only", "family", "every"])]
+    pub(crate) paper: bool,
+    /// Only cases of this name, `*` for anything; may be repeated.
+    #[arg(long, value_name = "PATTERN")]
+    pub(crate) only: Vec<String>,
+    /// Only cases of this family, `*` for anything; may be repeated.
+    #[arg(long, value_name = "PATTERN")]
+    pub(crate) family: Vec<String>,
+    /// Of those, only every N-th.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = stride)]
+    pub(crate) every: usize,
+    /// Run so many methods at once, each on its share of the threads. Sooner done, but the seconds are those
+    /// of a busy machine; one after the other by default, with --paper as many as there are threads.
+    #[arg(long, value_name = "N", value_parser = stride)]
+    pub(crate) jobs: Option<usize>,
+    /// Write everything, every run included, as JSON; `-` for stdout, the tables then go to stderr.
+    #[arg(long, value_name = "FILE|-")]
+    pub(crate) json: Option<PathBuf>,
+    /// Write a page with the tables and pictures of the failures, to look at in a browser.
+    #[arg(long, value_name = "FILE.html")]
+    pub(crate) report: Option<PathBuf>,
+    /// Draw each of the paper's clouds before and after the full chain, into this folder.
+    #[arg(long, value_name = "DIR", requires = "paper")]
+    pub(crate) figures: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
 pub(crate) struct Info {
     /// Cloud files.
     #[arg(required = true, value_name = "FILE")]
@@ -142,6 +210,13 @@ fn threads(text: &str) -> Result<usize, String> {
     match text.parse() {
         Ok(n) if n <= 1024 => Ok(n),
         _ => Err("give a number from 0 (all processors) to 1024".into()),
+    }
+}
+
+fn stride(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(n) if n > 0 => Ok(n),
+        _ => Err("give a number from 1 on".into()),
     }
 }
 

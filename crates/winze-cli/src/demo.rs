@@ -17,7 +17,7 @@ use crate::progress::Progress;
 
 pub(crate) fn run(args: &Demo, global: &Global) -> anyhow::Result<ExitCode> {
     let config = config::effective(global)?;
-    let progress = Progress::new(global.quiet, 13);
+    let progress = Progress::new(global.quiet, 16);
     let out = &args.out;
     claim(out)?;
     if !global.quiet {

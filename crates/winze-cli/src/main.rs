@@ -7,11 +7,13 @@ mod args;
 mod config;
 mod convert;
 mod demo;
+mod eval;
 mod generate;
 mod info;
 mod locate;
 mod output;
 mod progress;
+mod sim;
 
 use std::process::ExitCode;
 
@@ -47,6 +49,9 @@ fn run(args: &Args) -> anyhow::Result<ExitCode> {
     pool.install(|| match &args.verb {
         Verb::Demo(a) => demo::run(a, &args.global),
         Verb::Locate(a) => locate::run(a, &args.global),
+        Verb::Sim(a) => sim::run(a, &args.global),
+        Verb::Eval(a) => eval::run(a, &args.global),
+        Verb::EvalWorker => eval::run_worker(),
         Verb::Info(a) => info::run(a, &args.global),
         Verb::Convert(a) => convert::run(a, &args.global),
         Verb::Config => config::run(&args.global),
@@ -71,9 +76,10 @@ fn start_logging(args: &Args) {
         .init();
 }
 
-/// Ctrl-C, or a request to stop, leaves no half-written file behind.
+/// Ctrl-C, or a request to stop, leaves no half-written file and no worker behind.
 fn delete_half_written_files_when_stopped() -> anyhow::Result<()> {
     ctrlc::set_handler(|| {
+        eval::stop();
         winze_io::atomic::remove_pending();
         #[expect(clippy::exit, reason = "the user asked for it")]
         std::process::exit(130);

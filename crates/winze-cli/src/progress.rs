@@ -22,8 +22,19 @@ pub(crate) struct Progress {
 impl Progress {
     /// A bar for a run of about `steps` stages; more are added as they come.
     pub(crate) fn new(quiet: bool, steps: u64) -> Self {
+        Self::styled(quiet, steps, "{bar:24} {pos:>2}/{len} {msg} {elapsed}")
+    }
+
+    /// A bar for a known number of things of a kind, with the time that is left.
+    pub(crate) fn counted(quiet: bool, things: usize) -> Self {
+        let things = u64::try_from(things).unwrap_or(u64::MAX);
+        let template = "{bar:24} {pos}/{len}, {elapsed}, {eta} left: {msg}";
+        Self::styled(quiet, things, template)
+    }
+
+    fn styled(quiet: bool, steps: u64, template: &str) -> Self {
         let bar = ProgressBar::with_draw_target(Some(steps), ProgressDrawTarget::hidden());
-        if let Ok(style) = ProgressStyle::with_template("{bar:24} {pos:>2}/{len} {msg} {elapsed}") {
+        if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style);
         }
         let progress = Self {
@@ -55,6 +66,18 @@ impl Progress {
     /// Begins a step with no stages of its own.
     pub(crate) fn say(&self, what: &str) {
         self.bar.set_message(what.to_owned());
+    }
+
+    /// Begins a step, with so many done before it.
+    pub(crate) fn at(&self, what: &str, done: u64) {
+        self.bar.set_position(done);
+        self.say(what);
+    }
+
+    /// One of the things of [`Progress::counted`] is done.
+    pub(crate) fn step(&self, what: &str) {
+        self.say(what);
+        self.bar.inc(1);
     }
 
     /// Told by the pipeline of each stage as it begins and ends.

@@ -2,15 +2,23 @@
 //! terminal, the outcome as JSON.
 
 pub mod canvas;
+pub mod contact_sheet;
 pub mod document;
+pub mod evaluation;
 pub mod page;
 pub mod picture;
 pub mod summary;
+pub mod table;
+pub mod thumbnail;
 
+pub use contact_sheet::{Thumb, contact_sheet};
 pub use document::{Asked, Document, Source};
+pub use evaluation::{Evaluation, evaluation_page};
 pub use page::page;
 pub use picture::before_and_after;
 pub use summary::summary;
+pub use table::Table;
+pub use thumbnail::thumbnail;
 
 /// What can go wrong when a picture is made.
 #[derive(Debug, thiserror::Error)]

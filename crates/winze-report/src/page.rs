@@ -9,7 +9,7 @@ use winze::{Outcome, PoseDistance, Verdict};
 use crate::document::Document;
 use crate::summary::summary;
 
-const STYLE: &str = "
+pub(crate) const STYLE: &str = "
 :root { color-scheme: light dark; --ink: #16181d; --paper: #fbfbfc; --faint: #5b6070; --bar: #8a63d2; }
 @media (prefers-color-scheme: dark) { :root { --ink: #ececf1; --paper: #0f1115; --faint: #9a9fae; --bar: #b79af0; } }
 body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper);
@@ -89,7 +89,7 @@ fn meaning(verdict: Verdict) -> &'static str {
     }
 }
 
-fn escape(text: &str) -> String {
+pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")

@@ -12,27 +12,27 @@ const WIDTH: usize = 1640;
 const MARGIN: usize = 20;
 const HEAD: usize = 96;
 const TITLE: usize = 30;
-const BACKGROUND: Colour = [0.055, 0.060, 0.075];
-const PANEL: Colour = [0.0, 0.0, 0.0];
-const INK: Colour = [0.93, 0.93, 0.95];
-const FAINT: Colour = [0.60, 0.61, 0.66];
-const MAGENTA: Colour = [1.0, 0.0, 1.0];
-const GREEN: Colour = [0.0, 1.0, 0.0];
+pub(crate) const BACKGROUND: Colour = [0.055, 0.060, 0.075];
+pub(crate) const PANEL: Colour = [0.0, 0.0, 0.0];
+pub(crate) const INK: Colour = [0.93, 0.93, 0.95];
+pub(crate) const FAINT: Colour = [0.60, 0.61, 0.66];
+pub(crate) const MAGENTA: Colour = [1.0, 0.0, 1.0];
+pub(crate) const GREEN: Colour = [0.0, 1.0, 0.0];
 /// Points of each cloud drawn at most; more would only cost time.
 const DRAWN: usize = 1_500_000;
 
 /// Which two axes a view shows, right and up.
 #[derive(Clone, Copy)]
-struct View {
-    right: usize,
-    up: usize,
+pub(crate) struct View {
+    pub(crate) right: usize,
+    pub(crate) up: usize,
 }
 
 /// What part of space a panel shows, metres.
 #[derive(Clone, Copy)]
-struct Frame {
-    low: [f64; 3],
-    high: [f64; 3],
+pub(crate) struct Frame {
+    pub(crate) low: [f64; 3],
+    pub(crate) high: [f64; 3],
 }
 
 /// The picture as PNG bytes. With no pose the right column says so.
@@ -203,13 +203,13 @@ fn head(canvas: &mut Canvas, outcome: &Outcome) {
 
 /// How the clouds are shown before: where their frames lie so far apart that both would be specks (a
 /// map in UTM coordinates, a query in the robot's own), the query is drawn beside the map.
-struct Apart {
+pub(crate) struct Apart {
     shift: [f64; 3],
     metres: f64,
 }
 
 impl Apart {
-    fn of(map: &[[f64; 3]], query: &[[f64; 3]]) -> Self {
+    pub(crate) fn of(map: &[[f64; 3]], query: &[[f64; 3]]) -> Self {
         let together = Self {
             shift: [0.0; 3],
             metres: 0.0,
@@ -233,7 +233,7 @@ impl Apart {
         }
     }
 
-    fn beside(&self, p: [f64; 3]) -> [f64; 3] {
+    pub(crate) fn beside(&self, p: [f64; 3]) -> [f64; 3] {
         std::array::from_fn(|a| p[a] + self.shift[a])
     }
 
@@ -248,7 +248,7 @@ impl Apart {
 }
 
 /// Maps metres to a panel's pixels, one scale for both axes.
-struct Scale {
+pub(crate) struct Scale {
     area: Area,
     view: View,
     centre: [f64; 2],
@@ -262,7 +262,7 @@ struct Scale {
     reason = "pixels"
 )]
 impl Scale {
-    fn new(area: Area, view: View, frame: Frame) -> Self {
+    pub(crate) fn new(area: Area, view: View, frame: Frame) -> Self {
         let size = |a: usize| (frame.high[a] - frame.low[a]).max(0.1);
         let fit = |pixels: usize, metres: f64| (pixels as f64 - 30.0) / metres;
         Self {
@@ -285,7 +285,7 @@ impl Scale {
     }
 
     /// Adds a cloud's light: a lone point is well seen, a crowd does not drown the rest.
-    fn draw(&self, canvas: &mut Canvas, points: &[[f64; 3]], colour: Colour) {
+    pub(crate) fn draw(&self, canvas: &mut Canvas, points: &[[f64; 3]], colour: Colour) {
         let mut count = vec![0u32; self.area.width * self.area.height];
         for p in points {
             if let Some((x, y)) = self.pixel(*p) {
@@ -305,7 +305,7 @@ impl Scale {
     }
 
     /// A bar of a round length, with the names of the axes.
-    fn bar(&self, canvas: &mut Canvas) {
+    pub(crate) fn bar(&self, canvas: &mut Canvas) {
         let wanted = 0.2 * self.area.width as f64 / self.pixels_per_metre;
         let magnitude = 10f64.powf(wanted.log10().floor());
         let metres = [5.0, 2.0, 1.0]
@@ -366,7 +366,7 @@ fn thin(cloud: &Cloud) -> Vec<[f64; 3]> {
 }
 
 /// Bounds of all but the outermost thousandth at each end, a little widened.
-fn frame(points: &[[f64; 3]]) -> Option<Frame> {
+pub(crate) fn frame(points: &[[f64; 3]]) -> Option<Frame> {
     let last = points.len().checked_sub(1)?;
     let skip = points.len() / 1000;
     let (mut low, mut high) = ([0.0; 3], [0.0; 3]);
@@ -381,7 +381,7 @@ fn frame(points: &[[f64; 3]]) -> Option<Frame> {
     Some(Frame { low, high })
 }
 
-fn join(a: Option<Frame>, b: Option<Frame>) -> Option<Frame> {
+pub(crate) fn join(a: Option<Frame>, b: Option<Frame>) -> Option<Frame> {
     let (Some(a), Some(b)) = (a, b) else {
         return a.or(b);
     };

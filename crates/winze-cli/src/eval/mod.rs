@@ -1,0 +1,403 @@
+//! `winze eval`: methods over cases, the tables.
+
+mod cases;
+mod sheet;
+mod worker;
+mod workers;
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use anyhow::{Context as _, bail};
+use winze::{Config, Method};
+use winze_io::atomic;
+use winze_report::evaluation::{
+    CLOUDS, Evaluation, MethodCost, Paper, Run, Trouble, accuracy, answers, costs, label_table,
+    labels, summaries,
+};
+
+use crate::args::{Eval, Global};
+use crate::config;
+use crate::output::{check_outputs, print, talk};
+use crate::progress::Progress;
+use cases::{Case, Choice};
+use worker::{Job, Said};
+
+pub(crate) use worker::run as run_worker;
+pub(crate) use workers::stop;
+
+/// Seeds where none are asked for: one, or as many as the paper's tables want.
+const PAPER_SEEDS: u64 = 20;
+/// The method whose pictures stand for the paper's figures.
+const FIGURES: Method = Method::FpfhNdtIcp;
+
+pub(crate) fn run(args: &Eval, global: &Global) -> anyhow::Result<ExitCode> {
+    let config = config::effective(global)?;
+    let file = cases::file_of(&args.cases);
+    let all = cases::read(&file)?;
+    let chosen = if args.paper {
+        of_the_paper(all).with_context(|| file.display().to_string())?
+    } else {
+        let choice = Choice {
+            only: &args.only,
+            family: &args.family,
+            every: args.every,
+        };
+        choice.of(all)
+    };
+    if chosen.is_empty() {
+        bail!("{}: no case is left to run", file.display());
+    }
+    check(args, global, &file, &chosen)?;
+    if let Some(folder) = &args.figures {
+        let at = folder.display();
+        std::fs::create_dir_all(folder).with_context(|| format!("{at}: cannot be made"))?;
+    }
+    let methods = methods(args);
+    let (runs, costs, errors) = ask(args, global, &config, &chosen, &methods)?;
+    let truths = chosen
+        .iter()
+        .map(Case::truth)
+        .collect::<anyhow::Result<Vec<_>>>()?;
+    let with_truth = chosen.iter().zip(&truths);
+    let evaluation = Evaluation {
+        winze: env!("CARGO_PKG_VERSION"),
+        command: command(),
+        config_digest: config::digest(&config)?,
+        seeds: seeds(args, config.seed),
+        jobs: shared_out(args, global, methods.len()).0,
+        threads: shared_out(args, global, methods.len()).1,
+        labels: labels(with_truth.map(|(c, t)| (c.family.as_str(), t, c.gravity_aligned))),
+        summaries: summaries(&runs),
+        costs,
+        errors,
+        paper: args.paper.then(|| Paper::of(&runs)),
+        runs,
+    };
+    write(args, global, &evaluation, &chosen)?;
+    for e in &evaluation.errors {
+        talk(&format!(
+            "winze: error: {} ({}): {}\n",
+            e.case, e.method, e.message
+        ));
+    }
+    if evaluation.errors.is_empty() {
+        Ok(ExitCode::SUCCESS)
+    } else {
+        bail!(
+            "{} cases gave no answer; all others are in the tables",
+            evaluation.errors.len()
+        )
+    }
+}
+
+fn methods(args: &Eval) -> Vec<Method> {
+    if args.paper {
+        let mut methods = Method::ALL.to_vec();
+        // Last: it is not the paper's.
+        methods.rotate_left(1);
+        return methods;
+    }
+    let mut methods: Vec<Method> = Vec::new();
+    for m in &args.method {
+        if !methods.contains(m) {
+            methods.push(*m);
+        }
+    }
+    methods
+}
+
+fn seeds(args: &Eval, first: u64) -> Vec<u64> {
+    let n = args
+        .seeds
+        .unwrap_or(if args.paper { PAPER_SEEDS } else { 1 });
+    (0..n).map(|i| first.saturating_add(i)).collect()
+}
+
+/// The six clouds in the paper's order.
+fn of_the_paper(cases: Vec<Case>) -> anyhow::Result<Vec<Case>> {
+    let find = |name: &str| cases.iter().find(|c| c.name == name).cloned();
+    let missing: Vec<&str> = CLOUDS
+        .iter()
+        .map(|(name, _)| *name)
+        .filter(|name| find(name).is_none())
+        .collect();
+    if !missing.is_empty() {
+        bail!(
+            "--paper: no case {}; `winze sim paper` makes all six",
+            missing.join(", ")
+        );
+    }
+    Ok(CLOUDS.iter().filter_map(|(name, _)| find(name)).collect())
+}
+
+/// Refuses at once what could not be written in the end.
+fn check(args: &Eval, global: &Global, file: &Path, chosen: &[Case]) -> anyhow::Result<()> {
+    let outputs: Vec<&Path> = [&args.json, &args.report]
+        .into_iter()
+        .flatten()
+        .map(PathBuf::as_path)
+        .filter(|p| *p != Path::new("-"))
+        .collect();
+    let inputs: Vec<&Path> = global
+        .config
+        .iter()
+        .map(PathBuf::as_path)
+        .chain([file])
+        .chain(
+            chosen
+                .iter()
+                .flat_map(|c| [c.map.as_path(), c.query.as_path()]),
+        )
+        .collect();
+    check_outputs(&outputs, &inputs)
+}
+
+/// Every method in a process of its own; unless several are asked for at once, one after another, so that
+/// seconds are those of a machine with nothing else to do.
+fn ask(
+    args: &Eval,
+    global: &Global,
+    config: &Config,
+    chosen: &[Case],
+    methods: &[Method],
+) -> anyhow::Result<(Vec<Run>, Vec<MethodCost>, Vec<Trouble>)> {
+    let seeds_of = |method: Method| {
+        let mut seeds = seeds(args, config.seed);
+        if !method.uses_features() {
+            // Nothing is drawn at random: all seeds would say the same.
+            seeds.truncate(1);
+        }
+        seeds
+    };
+    let (jobs, threads) = shared_out(args, global, methods.len());
+    let total: usize = methods
+        .iter()
+        .map(|m| seeds_of(*m).len() * chosen.len())
+        .sum();
+    let progress = Progress::counted(global.quiet, total);
+    let one = |i: usize, method: Method| -> anyhow::Result<(Vec<Run>, MethodCost, Vec<Trouble>)> {
+        progress.say(&format!("{method}: read"));
+        let job = Job {
+            method: method.name().to_owned(),
+            config: config.clone(),
+            seeds: seeds_of(method),
+            keep_query: args.paper,
+            figures: args.figures.clone().filter(|_| method == FIGURES),
+            cases: by_map(chosen),
+        };
+        let (mut runs, mut errors): (Vec<Run>, Vec<Trouble>) = Default::default();
+        // What the readers have to say of a file need not be said again for every method.
+        let quiet = global.quiet || i > 0;
+        let cost = workers::work(job, global, threads, quiet, |said| match said {
+            Said::Run(mut run) => {
+                if let Some(case) = chosen.iter().find(|c| c.name == run.case) {
+                    run.again = again(args, global, case, method, run.seed);
+                }
+                progress.step(&format!("{method}: {}", run.case));
+                runs.push(*run);
+            }
+            Said::Trouble { case, message } => errors.push(Trouble {
+                case,
+                method: method.name().to_owned(),
+                message,
+            }),
+            Said::Over { .. } | Said::Map { .. } => {}
+        })?;
+        // What broke off stays in every denominator.
+        for case in chosen {
+            let Some(trouble) = errors.iter().find(|e| e.case == case.name) else {
+                continue;
+            };
+            let truth = case.truth()?;
+            for seed in seeds_of(method) {
+                if !runs.iter().any(|r| r.case == case.name && r.seed == seed) {
+                    let (name, family) = (&case.name, &case.family);
+                    let why = &trouble.message;
+                    runs.push(Run::broken(name, family, method.name(), seed, &truth, why));
+                    progress.step(&format!("{method}: {name}"));
+                }
+            }
+        }
+        // The order of the file again; seeds stay in theirs.
+        runs.sort_by_key(|r| chosen.iter().position(|c| c.name == r.case));
+        Ok((runs, cost, errors))
+    };
+    let next = AtomicUsize::new(0);
+    let found = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..jobs {
+            scope.spawn(|| {
+                loop {
+                    let i = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(&method) = methods.get(i) else {
+                        return;
+                    };
+                    let answer = one(i, method);
+                    let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
+                    found.push((i, answer));
+                }
+            });
+        }
+    });
+    progress.finish();
+    let mut found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
+    found.sort_by_key(|(i, _)| *i);
+    let (mut runs, mut costs, mut errors) = (Vec::new(), Vec::new(), Vec::new());
+    for (_, answer) in found {
+        let (own, cost, trouble) = answer?;
+        runs.extend(own);
+        costs.push(cost);
+        errors.extend(trouble);
+    }
+    Ok((runs, costs, errors))
+}
+
+/// How many methods run at once, and on how many threads each.
+fn shared_out(args: &Eval, global: &Global, methods: usize) -> (usize, usize) {
+    let all = match global.threads {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        n => n,
+    };
+    // The paper's tables hold no seconds.
+    let jobs = args.jobs.unwrap_or(if args.paper { all } else { 1 });
+    let jobs = jobs.clamp(1, methods.max(1));
+    if jobs == 1 {
+        return (1, global.threads);
+    }
+    (jobs, all.div_ceil(jobs))
+}
+
+/// Cases on one map together, maps in the order in which they first come.
+fn by_map(cases: &[Case]) -> Vec<Case> {
+    let mut maps: Vec<&Path> = Vec::new();
+    for c in cases {
+        if !maps.contains(&c.map.as_path()) {
+            maps.push(&c.map);
+        }
+    }
+    let mut sorted = cases.to_vec();
+    sorted.sort_by_key(|c| maps.iter().position(|m| *m == c.map));
+    sorted
+}
+
+/// Prints the tables and writes what was asked for.
+fn write(
+    args: &Eval,
+    global: &Global,
+    evaluation: &Evaluation,
+    chosen: &[Case],
+) -> anyhow::Result<()> {
+    // Files first: whoever reads stdout may leave.
+    if let Some(path) = args.json.as_deref().filter(|p| *p != Path::new("-")) {
+        atomic::write_bytes(path, evaluation.to_json().as_bytes())?;
+    }
+    if let Some(path) = &args.report {
+        let page = sheet::page(evaluation, chosen, global)?;
+        atomic::write_bytes(path, page.as_bytes())?;
+    }
+    let text = text(evaluation);
+    if args.json.as_deref() == Some(Path::new("-")) {
+        if !global.quiet {
+            talk(&text);
+        }
+        print(&evaluation.to_json())?;
+    } else {
+        print(&text)?;
+    }
+    Ok(())
+}
+
+fn text(e: &Evaluation) -> String {
+    let mut out = String::new();
+    if let Some(paper) = &e.paper {
+        out += &paper.to_markdown();
+    } else {
+        let _ = writeln!(out, "{}", label_table(&e.labels).to_text());
+        let _ = writeln!(out, "{}", answers(&e.summaries).to_text());
+        let _ = writeln!(out, "{}", accuracy(&e.summaries).to_text());
+    }
+    let _ = write!(out, "\n{}", costs(&e.costs).to_text());
+    if e.jobs > 1 {
+        let _ = writeln!(
+            out,
+            "\nSeconds were taken with {} methods running at once.",
+            e.jobs
+        );
+    }
+    if e.seeds.len() > 1 && e.paper.is_none() {
+        let _ = writeln!(
+            out,
+            "\nIntervals take runs for independent, which several seeds on one case are not."
+        );
+    }
+    out
+}
+
+/// Command lines that give one run again: as it was judged, and by `locate`.
+fn again(args: &Eval, global: &Global, case: &Case, method: Method, seed: u64) -> Vec<String> {
+    let mut settings = format!(" --method {method} --seed {seed}");
+    if let Some(path) = &global.config {
+        let _ = write!(
+            settings,
+            " --config {}",
+            quoted(&path.display().to_string())
+        );
+    }
+    for set in &global.set {
+        let _ = write!(settings, " --set {}", quoted(set));
+    }
+    let path = |p: &Path| quoted(&p.display().to_string());
+    let upright = if case.gravity_aligned {
+        " --gravity-aligned"
+    } else {
+        ""
+    };
+    vec![
+        format!(
+            "winze eval {} --only {}{settings}",
+            path(&args.cases),
+            quoted(&case.name)
+        ),
+        format!(
+            "winze locate {} {}{upright}{settings}",
+            path(&case.map),
+            path(&case.query)
+        ),
+    ]
+}
+
+/// The command line of this run.
+fn command() -> String {
+    let words = std::env::args().skip(1).map(|a| quoted(&a));
+    std::iter::once("winze".to_owned())
+        .chain(words)
+        .collect::<Vec<_>>()
+        .join(" ")
+}
+
+/// A word as a shell takes it for one.
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "_-./=+,:@%".contains(c);
+    if !word.is_empty() && word.chars().all(plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_are_quoted_for_a_shell() {
+        assert_eq!(quoted("paper/cloud_1"), "paper/cloud_1");
+        assert_eq!(quoted("fpfh.radius=3 voxels"), "'fpfh.radius=3 voxels'");
+        assert_eq!(quoted("it's"), r"'it'\''s'");
+        assert_eq!(quoted(""), "''");
+    }
+}

@@ -1,0 +1,88 @@
+//! The failures as pictures, for the page.
+
+use winze::Pose;
+use winze_report::evaluation::{Class, Evaluation, Exhibit, Run};
+use winze_report::{evaluation_page, thumbnail};
+
+use super::cases::Case;
+use crate::args::Global;
+use crate::locate::read;
+use crate::progress::Progress;
+
+/// Pictures on a page at most.
+const MOST: usize = 36;
+
+/// The page, with a picture of each of the worst failures.
+pub(super) fn page(
+    evaluation: &Evaluation,
+    chosen: &[Case],
+    global: &Global,
+) -> anyhow::Result<String> {
+    let failures = failures(&evaluation.runs);
+    let mut shown: Vec<(usize, &Run, &Case)> = failures
+        .iter()
+        .take(MOST)
+        .enumerate()
+        .filter_map(|(i, r)| Some((i, *r, chosen.iter().find(|c| c.name == r.case)?)))
+        .collect();
+    // A map is read once for all of its pictures.
+    shown.sort_by(|a, b| a.2.map.cmp(&b.2.map));
+    let progress = Progress::counted(global.quiet, shown.len());
+    let mut exhibits: Vec<(usize, Exhibit<'_>)> = Vec::new();
+    for group in shown.chunk_by(|a, b| a.2.map == b.2.map) {
+        let Some(map) = group.first().and_then(|g| read_again(g.2, |c| &c.map)) else {
+            continue;
+        };
+        for (i, run, case) in group {
+            progress.step("draw");
+            let Some(query) = read_again(case, |c| &c.query) else {
+                continue;
+            };
+            let found = run.map_from_query.map(Pose::from_matrix).transpose()?;
+            let truth = case.truth()?.truth;
+            let png = thumbnail(&map.cloud, &query.cloud, found.as_ref(), truth.as_ref())?;
+            exhibits.push((*i, Exhibit { run, png }));
+        }
+    }
+    progress.finish();
+    exhibits.sort_by_key(|(i, _)| *i);
+    let exhibits: Vec<Exhibit<'_>> = exhibits.into_iter().map(|(_, e)| e).collect();
+    Ok(evaluation_page(evaluation, &exhibits, failures.len()))
+}
+
+/// A file that has gone since it was evaluated costs its picture, not the page.
+fn read_again(
+    case: &Case,
+    path: impl Fn(&Case) -> &std::path::PathBuf,
+) -> Option<winze_io::CloudFile> {
+    read(path(case))
+        .inspect_err(|e| tracing::warn!("no picture of {}: {e:#}", case.name))
+        .ok()
+}
+
+/// What went wrong, the worst first: wrong accepts, wrong poses, refusals; within each the methods by
+/// turns. Of the seeds of one case the first that failed so stands for all.
+fn failures(runs: &[Run]) -> Vec<&Run> {
+    let mut seen: Vec<(usize, &str, &str)> = Vec::new();
+    let mut ranked: Vec<(usize, usize, &Run)> = Vec::new();
+    for run in runs {
+        let rank = match run.mark.class {
+            Class::Right => continue,
+            Class::WrongAccept => 0,
+            Class::Refusal if run.mark.has_truth && !run.mark.pose_right => 1,
+            Class::Refusal => 2,
+        };
+        let key = (rank, run.method.as_str(), run.case.as_str());
+        if seen.contains(&key) {
+            continue;
+        }
+        let turn = seen
+            .iter()
+            .filter(|(r, m, _)| (*r, *m) == (rank, key.1))
+            .count();
+        seen.push(key);
+        ranked.push((rank, turn, run));
+    }
+    ranked.sort_by_key(|(rank, turn, _)| (*rank, *turn));
+    ranked.into_iter().map(|(_, _, r)| r).collect()
+}

@@ -1,0 +1,238 @@
+//! One method over all cases, in a process of its own, so that its memory is its own.
+//!
+//! The job comes as JSON on stdin, what is found goes as one JSON line each to stdout.
+
+use std::io::{self, Write as _};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::Instant;
+
+use anyhow::Context as _;
+use serde::{Deserialize, Serialize};
+use winze::{Config, KeptMap, KeptQuery, Method, Outcome, Pose, Request, locate_in};
+use winze_io::{CloudFile, atomic};
+use winze_report::evaluation::{Case as Truth, Inliers, MapCost, Run, mark};
+
+use super::cases::Case;
+use crate::locate::read;
+
+/// What a worker is to do.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Job {
+    /// The method's name.
+    pub(super) method: String,
+    pub(super) config: Config,
+    pub(super) seeds: Vec<u64>,
+    /// Keep the work on a query from seed to seed: sooner done, but the seconds are too few.
+    pub(super) keep_query: bool,
+    /// Folder for a picture of each case, before and after.
+    pub(super) figures: Option<PathBuf>,
+    /// Cases on one map stand together.
+    pub(super) cases: Vec<Case>,
+}
+
+/// What a worker says.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(tag = "said", rename_all = "snake_case")]
+pub(super) enum Said {
+    /// One run is over.
+    Run(Box<Run>),
+    /// A case gives no answer.
+    Trouble { case: String, message: String },
+    /// All runs of a case are over.
+    Over { case: String },
+    /// All cases of a map are over; with the most memory held so far, bytes.
+    Map { cost: MapCost, peak: Option<u64> },
+}
+
+pub(crate) fn run() -> anyhow::Result<ExitCode> {
+    let job: Job = serde_json::from_reader(io::stdin().lock()).context("eval-worker: its job")?;
+    let method: Method = job.method.parse().map_err(anyhow::Error::msg)?;
+    for cases in job.cases.chunk_by(|a, b| a.map == b.map) {
+        let begun = Instant::now();
+        let map = match cases.first().map(|c| read(&c.map)) {
+            Some(Ok(map)) => map,
+            Some(Err(e)) => {
+                for case in cases {
+                    trouble(case, &e)?;
+                    say(&Said::Over {
+                        case: case.name.clone(),
+                    })?;
+                }
+                continue;
+            }
+            None => continue,
+        };
+        let mut cost = MapCost {
+            map: cases
+                .first()
+                .map_or_else(String::new, |c| c.map.display().to_string()),
+            points: map.cloud.len(),
+            read_seconds: begun.elapsed().as_secs_f64(),
+            work_seconds: 0.0,
+        };
+        let mut kept = KeptMap::new(&map.cloud);
+        for case in cases {
+            if let Err(e) = answer(&job, method, case, &mut kept, &mut cost) {
+                // Nobody listens any more.
+                if crate::output::is_broken_pipe(&e) {
+                    return Err(e);
+                }
+                trouble(case, &e)?;
+            }
+            say(&Said::Over {
+                case: case.name.clone(),
+            })?;
+        }
+        say(&Said::Map {
+            cost,
+            peak: peak_memory(),
+        })?;
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// All seeds of one case.
+fn answer(
+    job: &Job,
+    method: Method,
+    case: &Case,
+    map: &mut KeptMap<'_>,
+    cost: &mut MapCost,
+) -> anyhow::Result<()> {
+    let truth = case.truth()?;
+    let query = read(&case.query)?;
+    let request = Request {
+        method,
+        gravity_aligned: case.gravity_aligned,
+        ..Request::default()
+    };
+    let mut ceiling = None;
+    let mut kept = KeptQuery::new(&query.cloud);
+    for (i, &seed) in job.seeds.iter().enumerate() {
+        if !job.keep_query {
+            kept = KeptQuery::new(&query.cloud);
+        }
+        let config = Config {
+            seed,
+            ..job.config.clone()
+        };
+        let outcome = locate_in(map, &mut kept, &config, &request)?;
+        cost.work_seconds += outcome.map_seconds;
+        if let Some(pose) = truth.truth.as_ref().filter(|_| i == 0) {
+            ceiling = Some(map.inliers(&query.cloud, pose, &job.config.verify));
+        }
+        let mut run = judged(case, &truth, &query, &outcome);
+        run.query_kept = job.keep_query && i > 0;
+        run.ceiling = ceiling.map(|c| Inliers {
+            fraction: c.fraction,
+            rmse: c.rmse,
+        });
+        say(&Said::Run(Box::new(run)))?;
+        if let Some(folder) = job.figures.as_deref().filter(|_| i == 0)
+            && let Err(e) = figure(folder, case, map, &query, &outcome)
+        {
+            tracing::warn!("{}: no picture: {e:#}", case.name);
+        }
+    }
+    Ok(())
+}
+
+/// An outcome held against the truth.
+fn judged(case: &Case, truth: &Truth, query: &CloudFile, outcome: &Outcome) -> Run {
+    let centroid = query.cloud.centroid().unwrap_or_default();
+    let open = outcome.unobservable.as_deref().unwrap_or_default();
+    let worth = |pose: Option<&Pose>| mark(truth, outcome.verdict, pose, open, centroid);
+    Run {
+        case: case.name.clone(),
+        family: case.family.clone(),
+        method: outcome.method.to_owned(),
+        seed: outcome.seed,
+        verdict: Some(outcome.verdict),
+        reason: outcome.reason.clone(),
+        map_from_query: outcome.map_from_query.as_ref().map(Pose::to_matrix),
+        mark: worth(outcome.map_from_query.as_ref()),
+        hypotheses: outcome.hypotheses.len(),
+        truth_weighed: truth.truth.is_some().then(|| {
+            let mut places = outcome.hypotheses.iter();
+            places.any(|h| worth(Some(&h.map_from_query)).pose_right)
+        }),
+        inliers: outcome.inlier_fraction.map(|fraction| Inliers {
+            fraction,
+            rmse: outcome.inlier_rmse,
+        }),
+        ceiling: None,
+        voxel: outcome.voxel,
+        seconds: outcome.seconds - outcome.map_seconds,
+        query_kept: false,
+        again: Vec::new(),
+    }
+}
+
+fn figure(
+    folder: &Path,
+    case: &Case,
+    map: &KeptMap<'_>,
+    query: &CloudFile,
+    outcome: &Outcome,
+) -> anyhow::Result<()> {
+    let png = winze_report::before_and_after(map.cloud(), &query.cloud, outcome)?;
+    let name = case.name.replace(['/', '\\', ':'], "_");
+    Ok(atomic::write_bytes(&folder.join(name + ".png"), &png)?)
+}
+
+fn trouble(case: &Case, e: &anyhow::Error) -> anyhow::Result<()> {
+    say(&Said::Trouble {
+        case: case.name.clone(),
+        message: format!("{e:#}").replace('\n', " "),
+    })
+}
+
+fn say(said: &Said) -> anyhow::Result<()> {
+    let mut line = serde_json::to_vec(said)?;
+    line.push(b'\n');
+    let mut out = io::stdout().lock();
+    out.write_all(&line)
+        .and_then(|()| out.flush())
+        .context("eval-worker: stdout")
+}
+
+/// The most memory that this process held, bytes; `None` where the system does not tell (it does on
+/// Linux).
+fn peak_memory() -> Option<u64> {
+    high_water(&std::fs::read_to_string("/proc/self/status").ok()?)
+}
+
+fn high_water(status: &str) -> Option<u64> {
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    kib.checked_mul(1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn peak_memory_is_read_from_the_kernel_s_text() {
+        let status = "Name:\twinze\nVmPeak:\t  9000 kB\nVmHWM:\t    1234 kB\n";
+        assert_eq!(high_water(status), Some(1234 * 1024));
+        assert_eq!(high_water("Name:\twinze\n"), None);
+        #[cfg(target_os = "linux")]
+        assert!(peak_memory().unwrap() > 1 << 20);
+    }
+
+    #[test]
+    fn what_a_worker_says_is_understood() {
+        let said = Said::Map {
+            cost: MapCost::default(),
+            peak: Some(7),
+        };
+        let text = serde_json::to_string(&said).unwrap();
+        assert!(text.starts_with(r#"{"said":"map""#), "{text}");
+        assert!(matches!(
+            serde_json::from_str(&text).unwrap(),
+            Said::Map { peak: Some(7), .. }
+        ));
+    }
+}

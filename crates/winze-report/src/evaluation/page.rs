@@ -1,0 +1,174 @@
+//! The evaluation as one page to look at in a browser or to send on: no network, no scripts.
+
+use std::fmt::Write as _;
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+
+use super::tables::{accuracy, answers, costs, label_table};
+use super::{Class, Evaluation, Run};
+use crate::page::{STYLE, escape};
+
+const OWN_STYLE: &str = "
+.scroll { overflow-x: auto; } .scroll table { max-width: none; width: auto; white-space: nowrap; font-variant-numeric: tabular-nums; }
+th.text, td.text { text-align: left; } tr:nth-child(even) td { background: color-mix(in srgb, var(--ink) 5%, transparent); }
+figure { margin: 1.4rem 0; } figcaption { margin: .3rem 0; } figure img { max-width: 924px; } figure pre { margin: .3rem 0; font-size: .85rem; }
+.wrong_accept { color: #d63a34; } .wrong_pose { color: #c98500; }";
+
+/// A failure and its picture.
+#[derive(Debug, Clone)]
+pub struct Exhibit<'a> {
+    /// The run.
+    pub run: &'a Run,
+    /// Its [`thumbnail`](crate::thumbnail()) as PNG bytes.
+    pub png: Vec<u8>,
+}
+
+/// The whole page: tables, then the failures, the worst first. `failures` is how many there were, of which
+/// the exhibits show some.
+#[must_use]
+pub fn evaluation_page(
+    evaluation: &Evaluation,
+    exhibits: &[Exhibit<'_>],
+    failures: usize,
+) -> String {
+    let e = evaluation;
+    let mut out = String::new();
+    let _ = write!(
+        out,
+        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
+         <title>winze eval</title><style>{STYLE}{OWN_STYLE}</style></head><body>\
+         <h1>winze eval</h1><pre>{}</pre><p>winze {}, settings {}</p>",
+        escape(&e.command),
+        escape(e.winze),
+        escape(&e.config_digest)
+    );
+    if let Some(paper) = &e.paper {
+        let _ = write!(
+            out,
+            "<h2>The paper's tables</h2><pre>{}</pre>",
+            escape(&paper.to_markdown())
+        );
+    }
+    let parts = [
+        (
+            "Cases",
+            "Labels computed from the noise-free geometry.",
+            label_table(&e.labels),
+        ),
+        ("Answers", ANSWERS, answers(&e.summaries)),
+        ("Accuracy and time", ACCURACY, accuracy(&e.summaries)),
+        (
+            "Maps and memory",
+            "Each method in a process of its own; a map that several cases share is prepared once.",
+            costs(&e.costs),
+        ),
+    ];
+    for (title, note, table) in parts {
+        let _ = write!(out, "<h2>{title}</h2><p>{note}</p>{}", table.to_html());
+    }
+    if !e.errors.is_empty() {
+        out += "<h2>Cases without an answer</h2><ul>";
+        for t in &e.errors {
+            let _ = write!(
+                out,
+                "<li>{} ({}): {}</li>",
+                escape(&t.case),
+                escape(&t.method),
+                escape(&t.message)
+            );
+        }
+        out += "</ul>";
+    }
+    let _ = write!(
+        out,
+        "<h2>Failures</h2><p>{} of {failures} shown: wrong accepts first, then wrong poses, then refusals. \
+         The map in magenta, the query in green, from above.</p>",
+        exhibits.len()
+    );
+    for exhibit in exhibits {
+        figure(&mut out, exhibit);
+    }
+    out + "</body></html>\n"
+}
+
+const ANSWERS: &str = "Recall: located within the case's tolerance, of the cases whose query is in the map, at a place \
+     that is neither ambiguous nor unobservable. Wrong accept: located or degenerate at a wrong place, or in a map that \
+     does not hold the query. Refused: not answered though an answer was there to be had. Right: the right thing said. \
+     Pose right: the best pose is within tolerance, whatever the verdict. Wilson 95 % intervals, which take runs as \
+     independent.";
+const ACCURACY: &str = "Errors are those of the query's centroid, over the runs whose pose is right, across what is \
+     unobservable. Inliers and RMSE are the paper's, medians over all runs with a pose. Seconds are an answer's, the map at hand, \
+     files read.";
+
+fn figure(out: &mut String, exhibit: &Exhibit<'_>) {
+    let run = exhibit.run;
+    let (class, words) = match run.mark.class {
+        Class::WrongAccept => ("wrong_accept", "wrong accept"),
+        _ if !run.mark.pose_right && run.mark.has_truth => ("wrong_pose", "wrong pose"),
+        _ => ("refusal", "refusal"),
+    };
+    let error = match (run.mark.translation_m, run.mark.rotation_deg) {
+        (Some(m), Some(deg)) => format!(", {m:.2} m and {deg:.1}° from the truth"),
+        _ => String::new(),
+    };
+    let alternative = if run.mark.at_alternative {
+        ", at an alternative that the case lists"
+    } else {
+        ""
+    };
+    let _ = write!(
+        out,
+        "<figure><figcaption><b>{}</b>, {}, seed {}: <b class=\"{class}\">{words}</b> ({}{error}{alternative}). {}</figcaption>\
+         <img alt=\"before, found, true\" loading=\"lazy\" src=\"data:image/png;base64,{}\"><pre>{}</pre></figure>",
+        escape(&run.case),
+        escape(&run.method),
+        run.seed,
+        run.verdict.map_or("broken off", winze::Verdict::name),
+        escape(&run.reason),
+        STANDARD.encode(&exhibit.png),
+        escape(&run.again.join("\n"))
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluation::{Mark, labels, summaries, tests::run};
+
+    #[test]
+    fn the_page_is_whole_and_offline() {
+        let mut wrong = run("auto", "a<b", Class::WrongAccept, Mark::default());
+        wrong.again = vec!["winze eval x --only 'a<b/1'".into()];
+        let runs = vec![wrong];
+        let evaluation = Evaluation {
+            jobs: 1,
+            threads: 0,
+            winze: "0",
+            command: "winze eval x".into(),
+            config_digest: "sha256:0".into(),
+            seeds: vec![0],
+            labels: labels([]),
+            summaries: summaries(&runs),
+            costs: Vec::new(),
+            errors: Vec::new(),
+            paper: None,
+            runs: runs.clone(),
+        };
+        let exhibit = Exhibit {
+            run: &runs[0],
+            png: vec![1, 2, 3],
+        };
+        let page = evaluation_page(&evaluation, &[exhibit], 1);
+        for part in [
+            "1 of 1 shown",
+            "wrong accept",
+            "--only 'a&lt;b/1'",
+            "data:image/png;base64,AQID",
+        ] {
+            assert!(page.contains(part), "{part}");
+        }
+        assert!(!page.contains("http") && !page.contains("<script") && !page.contains("a<b"));
+    }
+}

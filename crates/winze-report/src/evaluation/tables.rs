@@ -1,0 +1,205 @@
+//! The tables that `winze eval` prints.
+
+use super::labels::Labels;
+use super::rates::{Quantiles, Rate};
+use super::summary::{MethodCost, Summary};
+use crate::table::Table;
+
+/// What was answered: rates with their 95 % intervals, in percent.
+#[must_use]
+pub fn answers(summaries: &[Summary]) -> Table {
+    let mut table = Table::new(
+        2,
+        &[
+            "method",
+            "family",
+            "runs",
+            "recall % [95 %]",
+            "wrong accepts % [95 %]",
+            "refused",
+            "right",
+            "pose right % [95 %]",
+        ],
+    );
+    for s in summaries {
+        table.row(vec![
+            s.method.clone(),
+            family(s.family.as_deref()),
+            s.runs.to_string(),
+            rate(&s.recall),
+            // Of all runs, whose number stands before.
+            rate(&s.wrong_accepts).replacen(&format!("/{}", s.runs), "", 1),
+            s.refusals.count.to_string(),
+            s.right.count.to_string(),
+            rate(&s.pose_right),
+        ]);
+    }
+    table
+}
+
+/// How well: errors over the right poses, the paper's metrics, seconds.
+#[must_use]
+pub fn accuracy(summaries: &[Summary]) -> Table {
+    let mut table = Table::new(
+        2,
+        &[
+            "method",
+            "family",
+            "error m p50",
+            "p95",
+            "error ° p50",
+            "p95",
+            "inliers %",
+            "RMSE m",
+            "seconds p50",
+            "p95",
+            "max",
+        ],
+    );
+    for s in summaries {
+        let number =
+            |q: Option<Quantiles>, get: fn(Quantiles) -> f64, digits| decimal(q.map(get), digits);
+        table.row(vec![
+            s.method.clone(),
+            family(s.family.as_deref()),
+            number(s.translation_m, |q| q.median, 3),
+            number(s.translation_m, |q| q.p95, 3),
+            number(s.rotation_deg, |q| q.median, 2),
+            number(s.rotation_deg, |q| q.p95, 2),
+            decimal(s.inlier_fraction.map(|f| 100.0 * f), 2),
+            decimal(s.inlier_rmse, 4),
+            number(s.seconds, |q| q.median, 2),
+            number(s.seconds, |q| q.p95, 2),
+            number(s.seconds, |q| q.max, 2),
+        ]);
+    }
+    table
+}
+
+/// Maps and memory.
+#[must_use]
+pub fn costs(costs: &[MethodCost]) -> Table {
+    let mut table = Table::new(
+        1,
+        &[
+            "method",
+            "maps",
+            "seconds to read them",
+            "seconds to prepare them",
+            "peak memory MiB",
+            "errors",
+        ],
+    );
+    for c in costs {
+        let sum = |get: fn(&super::MapCost) -> f64| c.maps.iter().map(get).sum::<f64>();
+        #[expect(clippy::cast_precision_loss, reason = "megabytes")]
+        let memory = c.peak_memory_bytes.map(|b| b as f64 / 1_048_576.0);
+        table.row(vec![
+            c.method.clone(),
+            c.maps.len().to_string(),
+            decimal(Some(sum(|m| m.read_seconds)), 2),
+            decimal(Some(sum(|m| m.work_seconds)), 2),
+            decimal(memory, 0),
+            c.errors.to_string(),
+        ]);
+    }
+    table
+}
+
+/// What the cases are.
+#[must_use]
+pub fn label_table(labels: &[Labels]) -> Table {
+    let mut table = Table::new(
+        1,
+        &[
+            "family",
+            "cases",
+            "out of map",
+            "ambiguous",
+            "unobservable",
+            "counted for recall",
+            "gravity-aligned",
+        ],
+    );
+    for l in labels {
+        let mut row = vec![family(l.family.as_deref())];
+        row.extend(
+            [
+                l.cases,
+                l.out_of_map,
+                l.ambiguous,
+                l.unobservable,
+                l.counted,
+                l.gravity_aligned,
+            ]
+            .map(|n| n.to_string()),
+        );
+        table.row(row);
+    }
+    table
+}
+
+fn family(name: Option<&str>) -> String {
+    name.unwrap_or("all").to_owned()
+}
+
+/// `61/100 61.0 [51.2-70.0]`; `-` where there is nothing to ask.
+fn rate(r: &Rate) -> String {
+    match (r.share, r.low, r.high) {
+        (Some(share), Some(low), Some(high)) => format!(
+            "{}/{} {} [{}-{}]",
+            r.count,
+            r.of,
+            percent(share),
+            percent(low),
+            percent(high)
+        ),
+        _ => "-".into(),
+    }
+}
+
+/// One decimal, but none for all of it.
+fn percent(share: f64) -> String {
+    if share >= 0.9995 {
+        "100".into()
+    } else {
+        format!("{:.1}", 100.0 * share)
+    }
+}
+
+/// A number with so many decimals; `-` where there is none.
+pub(super) fn decimal(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(|| "-".into(), |v| format!("{v:.digits$}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluation::{Class, Mark, summaries, tests::run};
+
+    #[test]
+    fn tables_fit_120_columns() {
+        let found = Mark {
+            counted: true,
+            has_truth: true,
+            pose_right: true,
+            translation_m: Some(123.456),
+            ..Mark::default()
+        };
+        let many: Vec<_> = (0..1000)
+            .map(|i| {
+                let mark = if i % 2 == 0 { found } else { Mark::default() };
+                run("fpfh+ndt+icp", "low-overlap", Class::WrongAccept, mark)
+            })
+            .collect();
+        let s = summaries(&many);
+        for table in [answers(&s), accuracy(&s)] {
+            let text = table.to_text();
+            assert!(text.lines().all(|l| l.chars().count() <= 120), "{text}");
+        }
+        let text = answers(&s).to_text();
+        assert!(text.contains("0/500 0.0 [0.0-0.8]"), "{text}");
+        assert!(text.contains("1000 100 [99.6-100]"), "{text}");
+        assert_eq!(rate(&Rate::new(0, 0)), "-");
+    }
+}
