@@ -90,3 +90,43 @@ put("transform", "identity.txt", identity)
 put("transform", "turned.txt", "# T_map_query\n0,-1,0,431234.567\n1,0,0,4499980.459\n0,0,1,-17.6 # up\n0,0,0,1\n")
 put("transform", "brackets.txt", "[[1, 0, 0, 0.5],\n [0, 6.1e-17, -1, 0],\n [0, 1, 6.1e-17, 0],\n [0, 0, 0, 1]]")
 put("transform", "rounded.txt", "0.7567 -0.6535 0.0176 1.97\n0.6534 0.7569 0.0144 0.0573\n-0.0227 0.0006 0.9997 0.0319\n0 0 0 1")
+
+square = [(0, 0, 0), (1, 0, 0.5), (1, 1, 0.25), (0, 1, -0.125)]
+corners = [c for i in (0, 1, 2, 0, 2, 3) for c in square[i]]
+polygon = "element face 1\nproperty list uchar int vertex_indices\n"
+lines = "".join(f"{x} {y} {z}\n" for x, y, z in square)
+put("mesh_ply", "ascii.ply", ply("ascii", f"element vertex 4\n{xyz}{polygon}") + f"{lines}4 0 1 2 3\n".encode())
+put(
+    "mesh_ply",
+    "parts.ply",
+    ply(
+        "binary_little_endian",
+        "comment winze part 0 0.3 0 old rock\ncomment winze part 1 0.4 0.5 new a pipe\n"
+        f"element vertex 4\n{xyz}element face 2\nproperty list uchar uint vertex_indices\nproperty ushort part\n",
+    )
+    + floats(*[c for v in square for c in v])
+    + struct.pack("<B3IH", 3, 0, 1, 2, 0)
+    + struct.pack("<B3IH", 3, 0, 2, 3, 1),
+)
+put(
+    "mesh_ply",
+    "big.ply",
+    ply("binary_big_endian", f"element vertex 4\n{xyz}element face 1\nproperty uchar v1\nproperty uchar v2\nproperty uchar v3\n")
+    + struct.pack(">12f", *[c for v in square for c in v])
+    + bytes([0, 1, 2]),
+)
+facets = "".join(
+    "facet normal 0 0 1\nouter loop\n"
+    + "".join("vertex {} {} {}\n".format(*corners[9 * t + 3 * k : 9 * t + 3 * k + 3]) for k in range(3))
+    + "endloop\nendfacet\n"
+    for t in range(2)
+)
+put("mesh_stl", "ascii.stl", f"solid square\n{facets}endsolid square\n")
+put(
+    "mesh_stl",
+    "binary.stl",
+    b" " * 80 + struct.pack("<I", 2) + b"".join(floats(0, 0, 1, *corners[9 * t : 9 * t + 9]) + b"\0\0" for t in range(2)),
+)
+points = "".join(f"v {x} {y} {z}\n" for x, y, z in square)
+put("mesh_obj", "square.obj", f"o square\n{points}vn 0 0 1\nf 1//1 2//1 3//1 4//1\n")
+put("mesh_obj", "negative.obj", f"# far\nv 431234.567 4499980.459 312.1\n{points}f -4 -3 \\\n-2\n")

@@ -1,52 +1,17 @@
 //! Points on a triangle mesh.
 
 use winze::rng::Rng;
+use winze_sim::mesh_file::read_mesh;
 
 use super::Result;
 
-/// Triangles of the mesh. (A reader of meshes belongs to the simulator; this one knows the one file.)
+/// The corners of the triangles of a mesh file.
 pub fn triangles(path: &std::path::Path) -> Result<Vec<[[f64; 3]; 3]>> {
-    let bytes = std::fs::read(path)?;
-    let marker = b"end_header\n";
-    let start = bytes
-        .windows(marker.len())
-        .position(|w| w == marker)
-        .ok_or("no header")?
-        + marker.len();
-    let header = String::from_utf8_lossy(&bytes[..start]).into_owned();
-    let count = |element: &str| -> Result<usize> {
-        let line = header
-            .lines()
-            .find_map(|l| l.strip_prefix(&format!("element {element} ")))
-            .ok_or("no element")?;
-        Ok(line.trim().parse()?)
-    };
-    let (vertices, faces) = (count("vertex")?, count("face")?);
-    let float = |at: usize| -> Result<f64> {
-        let b: [u8; 4] = bytes.get(at..at + 4).ok_or("file cut short")?.try_into()?;
-        Ok(f64::from(f32::from_le_bytes(b)))
-    };
-    let vertex = |i: usize| -> Result<[f64; 3]> {
-        Ok([
-            float(start + 12 * i)?,
-            float(start + 12 * i + 4)?,
-            float(start + 12 * i + 8)?,
-        ])
-    };
-    let first_face = start + 12 * vertices;
-    (0..faces)
-        .map(|f| {
-            let at = first_face + 13 * f;
-            let corner = |k: usize| -> Result<[f64; 3]> {
-                let b: [u8; 4] = bytes
-                    .get(at + 1 + 4 * k..at + 5 + 4 * k)
-                    .ok_or("file cut short")?
-                    .try_into()?;
-                vertex(u32::from_le_bytes(b) as usize)
-            };
-            Ok([corner(0)?, corner(1)?, corner(2)?])
-        })
-        .collect()
+    let (mesh, _) = read_mesh(path)?;
+    Ok((0..mesh.triangles().len())
+        .filter_map(|i| mesh.corners(i))
+        .map(|corners| corners.map(|v| v.map(f64::from)))
+        .collect())
 }
 
 /// About 120 points a square metre on the triangles, 2 cm noise, those inside the region.

@@ -2,6 +2,8 @@
 #![allow(dead_code, unreachable_pub, reason = "each study uses a part")]
 
 pub mod mesh;
+pub mod mine;
+pub mod picture;
 
 use std::path::{Path, PathBuf};
 

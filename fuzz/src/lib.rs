@@ -1,10 +1,11 @@
-//! What must hold for any bytes that are read as a cloud.
+//! What must hold for any bytes that are read as a cloud or a mesh.
 
 use winze::Cloud;
 use winze_io::{
     CloudFile, Encoding, Format, NoReturns, ReadOptions, WriteOptions, read_cloud_bytes,
     write_cloud_bytes,
 };
+use winze_sim::mesh_file::{MeshFormat, read_mesh_bytes, to_ply_bytes};
 
 /// Clouds that reach further than this from their origin, metres, are not written and read back: a
 /// cloud's limit is 16 384 m, and an origin may move by 1 024 m when coordinates are rounded.
@@ -25,6 +26,35 @@ pub fn check(bytes: &[u8], format: Format) {
     for rule in [NoReturns::Auto, NoReturns::Drop] {
         if let Ok(file) = read_cloud_bytes(bytes, format, &options(rule)) {
             check_counts(&file);
+        }
+    }
+}
+
+/// Reads `bytes`. If they are a mesh, checks that it is sound and that it comes back from a file as it was.
+pub fn check_mesh(bytes: &[u8], format: MeshFormat) {
+    let (mesh, report) = match read_mesh_bytes(bytes, format) {
+        Ok(read) => read,
+        Err(error) => return check_message(&error.to_string()),
+    };
+    assert_eq!(mesh.triangles().len(), report.triangles);
+    assert_eq!(mesh.part_of().len(), report.triangles);
+    assert!(report.triangles > 0 && report.origin.iter().all(|v| v.is_finite()));
+    assert!(
+        mesh.part_of()
+            .iter()
+            .all(|p| usize::from(*p) < mesh.parts().len())
+    );
+    let corners = |mesh: &winze_sim::mesh::Mesh, i| mesh.corners(i).expect("a sound index");
+    let (again, second) = read_mesh_bytes(&to_ply_bytes(&mesh), MeshFormat::Ply)
+        .expect("what was written can be read");
+    assert_eq!(second.triangles, report.triangles);
+    assert_eq!(again.part_of(), mesh.part_of());
+    assert_eq!(again.parts(), mesh.parts());
+    for i in 0..report.triangles {
+        let (a, b) = (corners(&mesh, i), corners(&again, i));
+        assert!(a.iter().flatten().all(|v| v.is_finite()));
+        if second.origin == [0.0; 3] {
+            assert_eq!(a, b);
         }
     }
 }
