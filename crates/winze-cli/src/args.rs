@@ -136,9 +136,9 @@ pub(crate) struct Sim {
     /// At most this many queries of each family, the first ones.
     #[arg(long, value_name = "N")]
     pub(crate) count: Option<usize>,
-    /// Write the mines' meshes as well.
+    /// Leave out the mines' meshes, which can be large.
     #[arg(long)]
-    pub(crate) mesh: bool,
+    pub(crate) no_mesh: bool,
 }
 
 #[derive(Debug, clap::Args)]
@@ -168,6 +168,10 @@ pub(crate) struct Eval {
     /// of a busy machine; one after the other by default, with --paper as many as there are threads.
     #[arg(long, value_name = "N", value_parser = stride)]
     pub(crate) jobs: Option<usize>,
+    /// Note each run in this file as it ends. Runs that it holds already, of the same cases and settings, are not
+    /// made again: so a long evaluation goes on where it was cut short.
+    #[arg(long, value_name = "FILE", conflicts_with = "figures")]
+    pub(crate) journal: Option<PathBuf>,
     /// Write everything, every run included, as JSON; `-` for stdout, the tables then go to stderr.
     #[arg(long, value_name = "FILE|-")]
     pub(crate) json: Option<PathBuf>,

@@ -4,7 +4,6 @@ use std::process::ExitCode;
 
 use std::path::Path;
 
-use anyhow::{Context as _, bail};
 use winze::{Request, outcome::Stage};
 use winze_io::{write_cloud, write_transform};
 use winze_report::{Document, Source};
@@ -12,7 +11,7 @@ use winze_report::{Document, Source};
 use crate::args::{Demo, Global, Locate};
 use crate::config;
 use crate::locate::Answer;
-use crate::output::talk;
+use crate::output::{claim_folder, talk};
 use crate::progress::Progress;
 
 pub(crate) fn run(args: &Demo, global: &Global) -> anyhow::Result<ExitCode> {
@@ -104,16 +103,7 @@ const SIGN: &str = "README.txt";
 
 /// Makes the folder; one that holds somebody's own files is left alone.
 fn claim(out: &Path) -> anyhow::Result<()> {
-    let at = out.display();
-    std::fs::create_dir_all(out).with_context(|| format!("{at}: cannot be made"))?;
-    let empty = std::fs::read_dir(out)
-        .with_context(|| format!("{at}: cannot be read"))?
-        .next()
-        .is_none();
-    let ours = std::fs::read(out.join(SIGN)).is_ok_and(|t| t == CONTENTS.as_bytes());
-    if !empty && !ours {
-        bail!("{at}: holds other files; give --out a folder that is new or empty");
-    }
+    claim_folder(out, SIGN, |sign| sign == CONTENTS)?;
     winze_io::atomic::write_bytes(&out.join(SIGN), CONTENTS.as_bytes())?;
     Ok(())
 }

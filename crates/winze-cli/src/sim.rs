@@ -1,20 +1,20 @@
 //! `winze sim`: a simulated mine with its map, its queries and the truth.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context as _, bail};
-use winze::{Cloud, Pose};
+use winze::Pose;
 use winze_io::{atomic, write_cloud, write_trajectory, write_transform};
-use winze_report::{Thumb, contact_sheet};
+use winze_report::{Thumb, contact_sheet, thin};
 use winze_sim::cases::{Case, Cases};
-use winze_sim::mesh_file::to_ply_bytes;
+use winze_sim::mesh_file::{MeshReport, to_ply_bytes};
 use winze_sim::scenario::{self, Made, MadeQuery, Scenario, Step};
 
 use crate::args::{Global, Sim};
 use crate::config;
-use crate::output::{print, talk};
+use crate::output::{claim_folder, print, talk};
 use crate::progress::Progress;
 
 /// Points of a map and of a query on a contact sheet.
@@ -38,18 +38,18 @@ pub(crate) fn run(args: &Sim, global: &Global) -> anyhow::Result<ExitCode> {
         scenario.limit(count);
     }
     let seed = config::effective(global)?.seed;
-    claim(out, &scenario.name, seed)?;
+    let making = claim(out, &scenario.name)?;
     let progress = Progress::new(global.quiet, scenario.cases() as u64);
-    let mut folder = Folder::new(out, &scenario, args.mesh);
+    let mut folder = Folder::new(&making, &scenario, !args.no_mesh);
     let told = |step: Step<'_>| progress.at(step.what, step.done as u64);
     scenario::simulate(&scenario, seed, &told, |made| folder.take(made))?;
     progress.say("contact sheets");
     let sheets = folder.sheets()?;
-    // Last: a folder with a case file is whole.
     let cases = Cases {
         cases: std::mem::take(&mut folder.cases),
     };
-    atomic::write_bytes(&out.join(CASES), cases.to_json().as_bytes())?;
+    atomic::write_bytes(&making.join(CASES), cases.to_json().as_bytes())?;
+    put_in_place(out, &making, &scenario.name, seed)?;
     progress.finish();
     if !global.quiet {
         print(&shares(&cases.cases))?;
@@ -91,58 +91,86 @@ fn show(name: &str, scenario: &Scenario) -> anyhow::Result<ExitCode> {
 const CASES: &str = "cases.json";
 const SIGN: &str = "README.txt";
 
-/// Makes the folder, or takes one over that an earlier run of the same scenario made.
-fn claim(out: &Path, name: &str, seed: u64) -> anyhow::Result<()> {
-    let at = out.display();
-    std::fs::create_dir_all(out).with_context(|| format!("{at}: cannot be made"))?;
-    let first = format!("Made by `winze sim {name}`");
+/// Where a run writes until it is whole, in the folder that it is to be in.
+const MAKING: &str = ".making";
+/// Folders of what a run makes.
+const FOLDERS: [&str; 5] = ["maps", "queries", "truth", "trajectories", "meshes"];
+
+fn first_line(name: &str) -> String {
+    format!("Made by `winze sim {name}`")
+}
+
+/// Takes the folder over, which must be new, empty, or an earlier run's of the same scenario, and makes a place in
+/// it for this run. What the earlier run made stays until this one is whole.
+fn claim(out: &Path, name: &str) -> anyhow::Result<PathBuf> {
+    let first = first_line(name);
+    claim_folder(out, SIGN, |sign| sign.starts_with(&first))?;
+    // From here on the folder is ours, however the run ends.
     let sign = out.join(SIGN);
-    let ours = std::fs::read_to_string(&sign).is_ok_and(|t| t.starts_with(&first));
-    let empty = std::fs::read_dir(out)
-        .with_context(|| format!("{at}: cannot be read"))?
-        .next()
-        .is_none();
-    if !empty && !ours {
-        bail!("{at}: holds other files; give --out a folder that is new or empty");
+    if !sign.exists() {
+        let text = format!("{first}, which has not ended.\n");
+        atomic::write_bytes(&sign, text.as_bytes())?;
     }
-    // What an earlier run left must not be taken for this one's.
-    for old in ["maps", "queries", "truth", "trajectories", "meshes"] {
-        let folder = out.join(old);
-        if folder.is_dir() {
-            std::fs::remove_dir_all(&folder)
-                .with_context(|| format!("{}: cannot be emptied", folder.display()))?;
-        }
+    let making = out.join(MAKING);
+    if making.exists() {
+        std::fs::remove_dir_all(&making)
+            .with_context(|| format!("{}: cannot be deleted", making.display()))?;
     }
-    for entry in std::fs::read_dir(out)
-        .with_context(|| format!("{at}: cannot be read"))?
-        .flatten()
-    {
-        let name = entry.file_name();
-        let name = name.to_string_lossy();
-        if name == CASES || (name.starts_with("contact_sheet") && name.ends_with(".png")) {
-            std::fs::remove_file(entry.path())
-                .with_context(|| format!("{}: cannot be deleted", entry.path().display()))?;
-        }
-    }
-    for folder in ["maps", "queries", "truth", "trajectories"] {
-        let folder = out.join(folder);
+    for folder in FOLDERS {
+        let folder = making.join(folder);
         std::fs::create_dir_all(&folder)
             .with_context(|| format!("{}: cannot be made", folder.display()))?;
     }
+    Ok(making)
+}
+
+/// Replaces what an earlier run made by what this one did. The case file goes first and comes last: a folder that
+/// has one is whole.
+fn put_in_place(out: &Path, making: &Path, name: &str, seed: u64) -> anyhow::Result<()> {
+    let old =
+        std::fs::read_dir(out).with_context(|| format!("{}: cannot be read", out.display()))?;
+    let mut old: Vec<PathBuf> = old.flatten().map(|entry| entry.path()).collect();
+    old.sort_by_key(|path| path.file_name().is_none_or(|f| f != CASES));
+    for path in old {
+        let file = path.file_name().map(|f| f.to_string_lossy().into_owned());
+        let file = file.unwrap_or_default();
+        let sheet = file.starts_with("contact_sheet") && file.ends_with(".png");
+        let gone = if FOLDERS.contains(&file.as_str()) {
+            std::fs::remove_dir_all(&path)
+        } else if file == CASES || sheet {
+            std::fs::remove_file(&path)
+        } else {
+            Ok(())
+        };
+        gone.with_context(|| format!("{}: cannot be deleted", path.display()))?;
+    }
     let text = format!(
-        "{first}, seed {seed}, which writes over these files when it is run again.
+        "{}, seed {seed}, which writes over these files when it is run again.
 
 cases.json          which query is asked in which map, and the right answer
 maps/               the prior maps
 queries/            the queries, each in a frame of its own
 truth/              map_from_query of each, a 4x4 matrix, where the query lies in the map
 trajectories/       where the sensor was (map frame) and where odometry believed it to be (query frame)
-meshes/             the mines themselves, where they were asked for
+meshes/             the mines themselves, world frame, also as later queries found them; not with --no-mesh
 contact_sheet*.png  every query on its map
-"
+",
+        first_line(name)
     );
-    atomic::write_bytes(&sign, text.as_bytes())?;
-    Ok(())
+    atomic::write_bytes(&out.join(SIGN), text.as_bytes())?;
+    let new = std::fs::read_dir(making)
+        .with_context(|| format!("{}: cannot be read", making.display()))?;
+    let mut new: Vec<PathBuf> = new.flatten().map(|entry| entry.path()).collect();
+    new.sort_by_key(|path| path.file_name().is_some_and(|f| f == CASES));
+    for path in new {
+        let Some(file) = path.file_name() else {
+            continue;
+        };
+        std::fs::rename(&path, out.join(file))
+            .with_context(|| format!("{}: cannot be put in its place", path.display()))?;
+    }
+    std::fs::remove_dir_all(making)
+        .with_context(|| format!("{}: cannot be deleted", making.display()))
 }
 
 /// What has been written so far.
@@ -180,15 +208,21 @@ impl<'a> Folder<'a> {
 
     fn take(&mut self, made: Made<'_>) -> anyhow::Result<()> {
         match made {
-            Made::Mesh { mine, mesh } if self.mesh => {
-                let folder = self.out.join("meshes");
-                std::fs::create_dir_all(&folder)
-                    .with_context(|| format!("{}: cannot be made", folder.display()))?;
-                let path = folder.join(format!("{mine}.ply"));
-                atomic::write_bytes(&path, &to_ply_bytes(mesh))?;
-            }
-            Made::Mesh { mine, mesh } => {
-                tracing::info!("{mine}: {} triangles", mesh.triangles().len());
+            Made::Mesh {
+                mine,
+                later,
+                mesh,
+                read,
+            } => {
+                let name = later.map_or(mine.to_owned(), |later| format!("{mine}_{later}"));
+                tracing::info!("{name}: {} triangles", mesh.triangles().len());
+                if let Some(note) = read.and_then(|read| note(mine, &read)) {
+                    talk(&note);
+                }
+                if self.mesh {
+                    let path = self.out.join("meshes").join(format!("{name}.ply"));
+                    atomic::write_bytes(&path, &to_ply_bytes(mesh))?;
+                }
             }
             Made::Map(map) => {
                 let path = self.out.join("maps").join(format!("{}.pcd", map.mine));
@@ -201,7 +235,7 @@ impl<'a> Folder<'a> {
                     map.way
                 );
                 self.maps
-                    .insert(map.mine.to_owned(), dots(map.cloud, MAP_DOTS, None));
+                    .insert(map.mine.to_owned(), thin(map.cloud, MAP_DOTS));
             }
             Made::Query(query) => self.query(*query)?,
         }
@@ -264,7 +298,10 @@ impl<'a> Folder<'a> {
         }
         self.thumbs.push(Sketch {
             map: made.asks_in,
-            query: dots(&made.cloud, QUERY_DOTS, home.as_ref()),
+            query: thin(&made.cloud, QUERY_DOTS)
+                .into_iter()
+                .map(|p| home.map_or(p, |home: Pose| home.transform(p)))
+                .collect(),
             in_map: truth.is_some(),
             title: format!("{} {}", case.name, case.sensor),
             note,
@@ -302,11 +339,25 @@ impl<'a> Folder<'a> {
     }
 }
 
-/// Evenly drawn points of a cloud, moved.
-fn dots(cloud: &Cloud, most: usize, pose: Option<&Pose>) -> Vec<[f64; 3]> {
-    let step = cloud.len().div_ceil(most).max(1);
-    let place = |p| pose.map_or(p, |t| t.transform(p));
-    cloud.iter().step_by(step).map(place).collect()
+/// What a user must know of a mesh that was read from a file.
+fn note(mine: &str, read: &MeshReport) -> Option<String> {
+    let mut text = String::new();
+    if read.origin != [0.0; 3] {
+        let [x, y, z] = read.origin;
+        text += &format!(
+            "winze: note: mine \"{mine}\": its mesh lies far from the origin and was moved: lines, places and the map are \
+             in coordinates less {x:.0}, {y:.0}, {z:.0} (set the map's origin to that to get the file's again)\n"
+        );
+    }
+    let left = &read.left_out;
+    if left.broken + left.degenerate > 0 {
+        text += &format!(
+            "winze: note: mine \"{mine}\": of its triangles {} have a corner that is not finite or missing and {} have no area; \
+             they were left out, {} are used\n",
+            left.broken, left.degenerate, read.triangles
+        );
+    }
+    (!text.is_empty()).then_some(text)
 }
 
 /// How many cases of each family are what: nobody can shrink a denominator unseen.
@@ -366,17 +417,25 @@ mod tests {
     fn a_folder_with_other_files_is_left_alone() {
         let folder = tempfile::tempdir().unwrap();
         let out: PathBuf = folder.path().join("new");
-        claim(&out, "dust", 1).unwrap();
-        std::fs::write(out.join(CASES), "{}").unwrap();
-        claim(&out, "dust", 2).unwrap();
-        assert!(
-            !out.join(CASES).exists(),
-            "a half-made folder has no case file"
-        );
-        assert!(claim(&out, "paper", 1).is_err(), "another scenario's");
+        let run = |seed: u64, file: &str| {
+            let making = claim(&out, "dust").unwrap();
+            std::fs::write(making.join("maps").join(file), "x").unwrap();
+            std::fs::write(making.join(CASES), format!("{{\"seed\": {seed}}}")).unwrap();
+            making
+        };
+        let making = run(1, "one.pcd");
+        assert!(!out.join(CASES).exists(), "a run that has not ended");
+        put_in_place(&out, &making, "dust", 1).unwrap();
+        assert!(out.join(CASES).exists() && !making.exists());
+        // A run that fails leaves what was there; one that ends replaces it.
+        let making = run(2, "two.pcd");
+        assert!(out.join("maps/one.pcd").exists());
+        put_in_place(&out, &making, "dust", 2).unwrap();
+        assert!(!out.join("maps/one.pcd").exists() && out.join("maps/two.pcd").exists());
+        assert!(claim(&out, "paper").is_err(), "another scenario's");
         let other = folder.path().join("other");
         std::fs::create_dir(&other).unwrap();
         std::fs::write(other.join("thesis.txt"), "mine").unwrap();
-        assert!(claim(&other, "dust", 1).is_err());
+        assert!(claim(&other, "dust").is_err());
     }
 }

@@ -291,3 +291,39 @@ fn a_worker_that_is_told_to_go_leaves_nobody_behind() {
         assert!(!Path::new(&format!("/proc/{id}")).exists(), "{id} lives on");
     }
 }
+
+#[test]
+fn a_journal_goes_on_where_it_was_cut_short() {
+    let f = folder();
+    let args = |rest: &str| {
+        format!(
+            "eval . --only demo/here --method ndt+icp --journal runs.jsonl --json - {QUICK} {rest}"
+        )
+    };
+    let first = winze(f, &args(""));
+    assert_eq!(first.code, Some(0), "{}", first.stderr);
+    let journal = f.join("runs.jsonl");
+    let whole = std::fs::read_to_string(&journal).unwrap();
+    assert_eq!(whole.lines().count(), 3, "head, run, map: {whole}");
+    // Nothing is left to do: the same runs, to the second.
+    let again = winze(f, &args(""));
+    assert_eq!(again.stdout, first.stdout);
+    // Cut in the middle of the run's line, it is made anew.
+    let lines: Vec<&str> = whole.lines().collect();
+    std::fs::write(&journal, format!("{}\n{}", lines[0], &lines[1][..50])).unwrap();
+    let mended = winze(f, &args(""));
+    assert_eq!(mended.code, Some(0), "{}", mended.stderr);
+    let run = |text: &str| serde_json::from_str::<Value>(text).unwrap()["runs"][0].clone();
+    assert_eq!(
+        run(&mended.stdout)["map_from_query"],
+        run(&first.stdout)["map_from_query"]
+    );
+    // Other settings, and files that are no journals, are refused and left alone.
+    let other = winze(f, &args("--seed 9"));
+    assert_eq!(other.code, Some(2), "{}", other.stderr);
+    assert!(other.stderr.contains("other settings"), "{}", other.stderr);
+    std::fs::write(&journal, "my notes\n").unwrap();
+    let foreign = winze(f, &args(""));
+    assert_eq!(foreign.code, Some(2));
+    assert_eq!(std::fs::read_to_string(&journal).unwrap(), "my notes\n");
+}

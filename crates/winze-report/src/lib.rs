@@ -15,7 +15,7 @@ pub use contact_sheet::{Thumb, contact_sheet};
 pub use document::{Asked, Document, Source};
 pub use evaluation::{Evaluation, evaluation_page};
 pub use page::page;
-pub use picture::before_and_after;
+pub use picture::{before_and_after, thin};
 pub use summary::summary;
 pub use table::Table;
 pub use thumbnail::thumbnail;

@@ -40,8 +40,8 @@ pub(crate) struct Frame {
 /// # Errors
 /// Where the PNG encoder refuses.
 pub fn before_and_after(map: &Cloud, query: &Cloud, outcome: &Outcome) -> Result<Vec<u8>, Error> {
-    let map_points = thin(map);
-    let raw = thin(query);
+    let map_points = thin(map, DRAWN);
+    let raw = thin(query, DRAWN);
     let apart = Apart::of(&map_points, &raw);
     let shown: Vec<[f64; 3]> = raw.iter().map(|p| apart.beside(*p)).collect();
     let found: Option<Vec<[f64; 3]>> = outcome
@@ -357,11 +357,12 @@ impl Scale {
     }
 }
 
-/// Evenly drawn points, at most [`DRAWN`].
-fn thin(cloud: &Cloud) -> Vec<[f64; 3]> {
+/// Evenly drawn points of a cloud, at most so many.
+#[must_use]
+pub fn thin(cloud: &Cloud, most: usize) -> Vec<[f64; 3]> {
     cloud
         .iter()
-        .step_by(cloud.len().div_ceil(DRAWN).max(1))
+        .step_by(cloud.len().div_ceil(most.max(1)).max(1))
         .collect()
 }
 

@@ -6,7 +6,7 @@ use winze::{Cloud, Pose};
 use crate::Error;
 use crate::canvas::{Area, Canvas};
 use crate::picture::{
-    Apart, BACKGROUND, Frame, GREEN, INK, MAGENTA, PANEL, Scale, View, frame, join,
+    Apart, BACKGROUND, Frame, GREEN, INK, MAGENTA, PANEL, Scale, View, frame, join, thin,
 };
 
 const PANEL_SIZE: usize = 300;
@@ -25,7 +25,7 @@ pub fn thumbnail(
     found: Option<&Pose>,
     truth: Option<&Pose>,
 ) -> Result<Vec<u8>, Error> {
-    let (map_points, raw) = (thin(map), thin(query));
+    let (map_points, raw) = (thin(map, DRAWN), thin(query, DRAWN));
     let placed =
         |pose: &Pose| -> Vec<[f64; 3]> { raw.iter().map(|p| pose.transform(*p)).collect() };
     let apart = Apart::of(&map_points, &raw);
@@ -64,13 +64,6 @@ pub fn thumbnail(
         }
     }
     canvas.to_png()
-}
-
-fn thin(cloud: &Cloud) -> Vec<[f64; 3]> {
-    cloud
-        .iter()
-        .step_by(cloud.len().div_ceil(DRAWN).max(1))
-        .collect()
 }
 
 #[cfg(test)]

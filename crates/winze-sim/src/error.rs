@@ -56,3 +56,14 @@ pub enum Error {
     #[error(transparent)]
     Winze(#[from] winze::Error),
 }
+
+/// Refuses a number outside its domain, NaN included.
+pub(crate) fn within(key: &str, value: f64, low: f64, high: f64) -> Result<()> {
+    if value >= low && value <= high {
+        return Ok(());
+    }
+    Err(Error::Setting {
+        key: key.into(),
+        why: format!("must lie between {low} and {high}, is {value}"),
+    })
+}

@@ -9,7 +9,7 @@
 //! but for [`SLACK`]. A query of which the map explains less than [`MIN_EXPLAINED`] at the truth is not asked about.
 
 use rayon::prelude::*;
-use rustc_hash::FxHashSet;
+use rustc_hash::{FxHashMap, FxHashSet};
 use winze::Pose;
 use winze::kdtree::KdTree;
 use winze::rng::Rng;
@@ -64,31 +64,46 @@ pub struct Witness {
 /// Edge of the voxels of which each keeps one witness, metres: near surfaces count no more than far ones.
 const WITNESS_VOXEL: f64 = 0.1;
 
-/// The witness that a return gives, with the key of its voxel; `None` for one that met no surface. `sigma`
-/// tells the sensor's noise at a range, `is_new` whether a part is.
-#[must_use]
-pub fn witness(
-    r: &Return,
-    world_from_sensor: &Pose,
-    sigma: impl Fn(f64) -> f64,
-    is_new: impl Fn(u16) -> bool,
-) -> Option<([i64; 3], Witness)> {
-    if r.origin != ReturnOrigin::Surface {
-        return None;
+/// The noise-free surface that scans met, one witness a voxel: the first.
+#[derive(Debug, Clone, Default)]
+pub struct SeenSurface {
+    cells: FxHashMap<[i64; 3], Witness>,
+}
+
+impl SeenSurface {
+    /// Adds what a return met, if it was a surface. `sigma` tells the sensor's noise at a range, `is_new`
+    /// whether a part is.
+    pub fn add(
+        &mut self,
+        r: &Return,
+        world_from_sensor: &Pose,
+        sigma: impl Fn(f64) -> f64,
+        is_new: impl Fn(u16) -> bool,
+    ) {
+        let (ReturnOrigin::Surface, Some(truth)) = (r.origin, r.true_point()) else {
+            return;
+        };
+        let point = world_from_sensor.transform(truth);
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "mines are smaller than 2^63 voxels"
+        )]
+        let key = point.map(|v| (v / WITNESS_VOXEL).floor() as i64);
+        self.cells.entry(key).or_insert_with(|| Witness {
+            point,
+            normal: r.normal,
+            sigma: sigma(r.range),
+            new: is_new(r.part),
+        });
     }
-    let point = world_from_sensor.transform(r.true_point()?);
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "mines are smaller than 2^63 voxels"
-    )]
-    let key = point.map(|v| (v / WITNESS_VOXEL).floor() as i64);
-    let witness = Witness {
-        point,
-        normal: r.normal,
-        sigma: sigma(r.range),
-        new: is_new(r.part),
-    };
-    Some((key, witness))
+
+    /// The witnesses in the order of their places.
+    #[must_use]
+    pub fn witnesses(self) -> Vec<Witness> {
+        let mut cells: Vec<([i64; 3], Witness)> = self.cells.into_iter().collect();
+        cells.sort_unstable_by_key(|(key, _)| *key);
+        cells.into_iter().map(|(_, w)| w).collect()
+    }
 }
 
 /// The surface that a survey saw, free of noise: a point and a normal a voxel.
@@ -222,15 +237,19 @@ impl MappedSurface {
     }
 }
 
+/// What a query saw, and from where.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen<'a> {
+    /// The noise-free surface.
+    pub witnesses: &'a [Witness],
+    /// Where the sensor was, in order, world frame.
+    pub stands: &'a [[f64; 3]],
+}
+
 /// What is true of a query, by its noise-free points.
 #[must_use]
-pub fn label(
-    map: &MappedSurface,
-    witnesses: &[Witness],
-    tolerance: Tolerance,
-    seed: u64,
-) -> Labels {
-    let lasting: Vec<Witness> = witnesses.iter().filter(|w| !w.new).copied().collect();
+pub fn label(map: &MappedSurface, query: Seen<'_>, tolerance: Tolerance, seed: u64) -> Labels {
+    let lasting: Vec<Witness> = query.witnesses.iter().filter(|w| !w.new).copied().collect();
     let overlap = share(
         lasting
             .iter()
@@ -249,13 +268,18 @@ pub fn label(
         return labels;
     }
     labels.unobservable = open_directions(map, &judged, tolerance, &at_truth);
+    let anchors = anchors(map, centroid(&judged), query.stands);
+    let starts: Vec<Pose> = anchors
+        .iter()
+        .flat_map(|anchor| proposals(map, &judged, *anchor, seed))
+        .collect();
     labels.alternatives = alternatives(
         map,
         &judged,
         tolerance,
         &at_truth,
         &labels.unobservable,
-        seed,
+        &starts,
     );
     labels
 }
@@ -311,14 +335,14 @@ fn principal(points: &[Witness], centre: [f64; 3], rotation: bool) -> [[f64; 3];
     winze::eigen3::eigen3(&upper).vectors
 }
 
-/// Distinct other places that explain enough.
+/// Distinct other places that explain enough, of those that `starts` settle on.
 fn alternatives(
     map: &MappedSurface,
     judged: &[Witness],
     tolerance: Tolerance,
     at_truth: &Fit,
     open: &[Open],
-    seed: u64,
+    starts: &[Pose],
 ) -> Vec<Pose> {
     let centre = centroid(judged);
     let slides: Vec<[f64; 3]> = open
@@ -326,15 +350,37 @@ fn alternatives(
         .filter(|o| !o.rotation)
         .map(|o| o.direction)
         .collect();
-    // Not another place: the truth, or where it can slide to.
+    let few = evenly(judged, 400);
+    // Not another place: the same one, or where it can slide to, all the way explained as well. What looks the
+    // same further along, with something else between, is another.
     let same = |a: &Pose, b: &Pose| {
-        let mut d = sub(a.transform(centre), b.transform(centre));
+        if a.distance(b, centre).rotation > 2.0 * tolerance.rotation {
+            return false;
+        }
+        let d = sub(a.transform(centre), b.transform(centre));
+        let mut slide = [0.0; 3];
         for s in &slides {
             let along = dot(d, *s);
-            d = std::array::from_fn(|i| d[i] - along * s[i]);
+            slide = std::array::from_fn(|i| slide[i] + along * s[i]);
         }
-        norm(d) <= 2.0 * tolerance.translation
-            && a.distance(b, centre).rotation <= 2.0 * tolerance.rotation
+        let off = norm(sub(d, slide));
+        if off > 2.0 * tolerance.translation {
+            return false;
+        }
+        if norm(d) <= 2.0 * tolerance.translation {
+            return true;
+        }
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "a few hundred steps"
+        )]
+        let steps = (norm(slide) / tolerance.translation.max(0.1)).ceil() as u32;
+        (1..steps).all(|step| {
+            let part = f64::from(step) / f64::from(steps);
+            let shift = Pose::from_translation(slide.map(|v| part * v));
+            map.fit(&few, &shift.compose(b)).rivals(at_truth)
+        })
     };
     let settled = |starts: &[Pose], (points, steps): (usize, usize), judges: &[Witness]| {
         let points = evenly(judged, points);
@@ -348,15 +394,17 @@ fn alternatives(
         settled.sort_by(|a, b| b.0.explained.total_cmp(&a.0.explained));
         settled
     };
-    let quick = settled(&proposals(map, judged, seed), QUICK, &evenly(judged, 200));
+    let quick = settled(starts, QUICK, &evenly(judged, 200));
     let mut hopeful: Vec<Pose> = Vec::new();
     for (_, pose) in quick {
         let taken = |other: &Pose| {
             let apart = pose.distance(other, centre);
             apart.translation < 1.0 && apart.rotation < 0.1
         };
-        if hopeful.len() < REFINED && !same(&pose, &Pose::identity()) && !hopeful.iter().any(taken)
-        {
+        if hopeful.len() == REFINED {
+            break;
+        }
+        if !hopeful.iter().any(taken) && !same(&pose, &Pose::identity()) {
             hopeful.push(pose);
         }
     }
@@ -371,21 +419,38 @@ fn alternatives(
     distinct
 }
 
-/// Upright moves of the world that put the query's middle onto places of the map where, coarsely, surface is
-/// where it should be; the best of each neighbourhood.
-fn proposals(map: &MappedSurface, judged: &[Witness], seed: u64) -> Vec<Pose> {
-    let centre = centroid(judged);
-    // The place that the robot was at: the nearest to its points' middle.
-    let Some(anchor) = map
-        .places
-        .iter()
-        .min_by(|a, b| distance(**a, centre).total_cmp(&distance(**b, centre)))
-    else {
-        return Vec::new();
+/// Places by whose surroundings others are proposed: the one nearest to the middle of what the query saw, and
+/// those near the beginning and the end of a longer drive.
+fn anchors(map: &MappedSurface, centre: [f64; 3], stands: &[[f64; 3]]) -> Vec<[f64; 3]> {
+    let at = |part: usize| {
+        stands
+            .get(part * stands.len().saturating_sub(1) / 6)
+            .copied()
     };
+    let mut anchors: Vec<[f64; 3]> = Vec::new();
+    for from in [Some(centre), at(1), at(5)].into_iter().flatten() {
+        let place = map
+            .places
+            .iter()
+            .min_by(|a, b| distance(**a, from).total_cmp(&distance(**b, from)));
+        let apart = |place: &&[f64; 3]| {
+            anchors
+                .iter()
+                .all(|a| distance(*a, **place) > NEIGHBOURHOOD)
+        };
+        if let Some(place) = place.filter(apart) {
+            anchors.push(*place);
+        }
+    }
+    anchors
+}
+
+/// Upright moves of the world that put an anchor of the query onto places of the map where, coarsely, surface is
+/// where it should be; the best of each neighbourhood.
+fn proposals(map: &MappedSurface, judged: &[Witness], anchor: [f64; 3], seed: u64) -> Vec<Pose> {
     let near: Vec<Witness> = judged
         .iter()
-        .filter(|w| distance(w.point, *anchor) < NEIGHBOURHOOD)
+        .filter(|w| distance(w.point, anchor) < NEIGHBOURHOOD)
         .copied()
         .collect();
     let mut rng = Rng::new(seed, 0x0A17);
@@ -398,7 +463,7 @@ fn proposals(map: &MappedSurface, judged: &[Witness], seed: u64) -> Vec<Pose> {
     if sketch.is_empty() {
         return Vec::new();
     }
-    let offsets: Vec<[f64; 3]> = sketch.iter().map(|w| sub(w.point, *anchor)).collect();
+    let offsets: Vec<[f64; 3]> = sketch.iter().map(|w| sub(w.point, anchor)).collect();
     let scored: Vec<(usize, usize, u32)> = map
         .places
         .par_iter()
@@ -448,7 +513,7 @@ fn proposals(map: &MappedSurface, judged: &[Witness], seed: u64) -> Vec<Pose> {
             let place = map.places.get(*at)?;
             let (sin, cos) = turn(*heading);
             let yaw = Pose::from_yaw_pitch_roll(libm::atan2(sin, cos), 0.0, 0.0, [0.0; 3]);
-            let turned = yaw.transform(*anchor);
+            let turned = yaw.transform(anchor);
             let shift = std::array::from_fn(|a| place[a] - turned[a]);
             Some(Pose::from_translation(shift).compose(&yaw))
         })

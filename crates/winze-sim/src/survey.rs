@@ -5,7 +5,7 @@ use winze::fit::fit_rigid;
 use winze::{Cloud, Pose};
 
 use crate::error::Result;
-use crate::labels::{self, Witness};
+use crate::labels::{SeenSurface, Witness};
 use crate::sensor::{Return, ReturnOrigin};
 
 /// Noise-free points kept of a query, at most about this many; its labels are computed from them.
@@ -37,17 +37,21 @@ impl Gathered {
 
     /// Adds a point.
     pub fn add(&mut self, point: [f64; 3], intensity: f32) {
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "mines are smaller than 2^63 voxels"
-        )]
-        let key = point.map(|v| (v / self.voxel).floor() as i64);
-        let cell = self.cells.entry(key).or_default();
+        let cell = self.cells.entry(self.key(point)).or_default();
         for (s, v) in cell.sum.iter_mut().zip(point) {
             *s += v;
         }
         cell.intensity += f64::from(intensity);
         cell.count += 1;
+    }
+
+    /// The voxel that a point lies in.
+    fn key(&self, point: [f64; 3]) -> [i64; 3] {
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "mines are smaller than 2^63 voxels"
+        )]
+        point.map(|v| (v / self.voxel).floor() as i64)
     }
 
     /// Voxels that hold something.
@@ -105,9 +109,17 @@ pub struct QueryGatherer {
     query_from_world: Pose,
     bent: bool,
     gathered: Gathered,
-    pairs: Vec<([f64; 3], [f64; 3])>,
-    seen: FxHashMap<[i64; 3], Witness>,
+    pairs: FxHashMap<[i64; 3], Pair>,
+    seen: SeenSurface,
     returns: [usize; 2],
+}
+
+/// What the surface returns of a voxel were taken for, and where they truly were: sums.
+#[derive(Debug, Clone, Copy, Default)]
+struct Pair {
+    placed: [f64; 3],
+    truth: [f64; 3],
+    count: u32,
 }
 
 impl QueryGatherer {
@@ -119,8 +131,8 @@ impl QueryGatherer {
             query_from_world,
             bent,
             gathered: Gathered::new(voxel),
-            pairs: Vec::new(),
-            seen: FxHashMap::default(),
+            pairs: FxHashMap::default(),
+            seen: SeenSurface::default(),
             returns: [0; 2],
         }
     }
@@ -147,12 +159,15 @@ impl QueryGatherer {
                 continue;
             }
             if self.bent {
-                self.pairs
-                    .push((placed, world_from_sensor.transform(point)));
+                let truth = world_from_sensor.transform(point);
+                let pair = self.pairs.entry(self.gathered.key(placed)).or_default();
+                for a in 0..3 {
+                    pair.placed[a] += placed[a];
+                    pair.truth[a] += truth[a];
+                }
+                pair.count += 1;
             }
-            if let Some((key, witness)) = labels::witness(r, world_from_sensor, &sigma, &is_new) {
-                self.seen.entry(key).or_insert(witness);
-            }
+            self.seen.add(r, world_from_sensor, &sigma, &is_new);
         }
     }
 
@@ -162,25 +177,33 @@ impl QueryGatherer {
     /// As [`Cloud::from_points`].
     pub fn finish(self, with_intensity: bool) -> Result<Gathering> {
         let (world_from_query, bend_rms) = if self.bent {
-            fit_bent(&self.pairs, &self.query_from_world.inverse())
+            fit_bent(self.pairs, &self.query_from_world.inverse())
         } else {
             (self.query_from_world.inverse(), 0.0)
         };
-        let mut seen: Vec<([i64; 3], Witness)> = self.seen.into_iter().collect();
-        seen.sort_unstable_by_key(|(key, _)| *key);
+        let seen = self.seen.witnesses();
         let step = seen.len().div_ceil(WITNESSES).max(1);
         Ok(Gathering {
             cloud: self.gathered.cloud(&Pose::identity(), with_intensity)?,
             world_from_query,
             bend_rms,
-            witnesses: seen.into_iter().step_by(step).map(|(_, w)| w).collect(),
+            witnesses: seen.into_iter().step_by(step).collect(),
             returns: self.returns,
         })
     }
 }
 
-/// The rigid fit of a bent query's points to where they truly were, and what it leaves.
-fn fit_bent(pairs: &[([f64; 3], [f64; 3])], otherwise: &Pose) -> (Pose, f64) {
+/// The rigid fit of a bent query's points, one a voxel, to where they truly were, and what it leaves.
+fn fit_bent(pairs: FxHashMap<[i64; 3], Pair>, otherwise: &Pose) -> (Pose, f64) {
+    let mut pairs: Vec<([i64; 3], Pair)> = pairs.into_iter().collect();
+    pairs.sort_unstable_by_key(|(key, _)| *key);
+    let pairs: Vec<([f64; 3], [f64; 3])> = pairs
+        .into_iter()
+        .map(|(_, p)| {
+            let mean = |sum: [f64; 3]| sum.map(|s| s / f64::from(p.count));
+            (mean(p.placed), mean(p.truth))
+        })
+        .collect();
     let pose = fit_rigid(pairs.iter().map(|(q, w)| (*q, *w, 1.0))).unwrap_or(*otherwise);
     let square: f64 = pairs
         .iter()

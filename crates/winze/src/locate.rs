@@ -289,11 +289,7 @@ impl Run<'_> {
                 .map(|c| {
                     let after = candidate(&icp::align(map, query, &c.map_from_query, &icp_config));
                     // A rival is owed what the lead got: its finer pose.
-                    if icp_config.keep_better {
-                        keep_better(*c, after)
-                    } else {
-                        after
-                    }
+                    guarded(icp_config.keep_better, || *c, after)
                 })
                 .collect();
             let n = refined.len();
@@ -398,16 +394,12 @@ impl Run<'_> {
             let candidate =
                 |pose: Pose, stop: Option<StopReason>| candidate(pose, stop, map, query, verify);
             // Far from the truth the residual says little; `auto` weighs many places instead.
-            let guarded = config.ndt.keep_better && method != Method::Auto;
+            let guard = config.ndt.keep_better && method != Method::Auto;
             self.stage("refine by NDT", poses.len(), || {
                 let refine = |(pose, stop): &(Pose, Option<StopReason>)| {
                     let refined = ndt::align(levels, map, query, pose, &config.ndt);
                     let after = candidate(refined.map_from_query, Some(refined.stop));
-                    if guarded {
-                        keep_better(candidate(*pose, *stop), after)
-                    } else {
-                        after
-                    }
+                    guarded(guard, || candidate(*pose, *stop), after)
                 };
                 let refined: Vec<Candidate> = poses.par_iter().map(refine).collect();
                 let n = refined.len();
@@ -438,11 +430,7 @@ impl Run<'_> {
                 }
                 let refined = icp::align(map, query, &c.map_from_query, &icp_config);
                 let polished = candidate(refined.map_from_query, Some(refined.stop));
-                if icp_config.keep_better {
-                    keep_better(*c, polished)
-                } else {
-                    polished
-                }
+                guarded(icp_config.keep_better, || *c, polished)
             };
             let polished = candidates.par_iter().zip(&hopeful).map(polish).collect();
             (polished, hopeful.iter().filter(|h| **h).count())
@@ -526,6 +514,15 @@ impl Run<'_> {
         }
         self.stages.push(stage);
         result
+    }
+}
+
+/// What a refiner led to, or, where a `guard` is set, the finer of that and what it began with.
+fn guarded(guard: bool, before: impl FnOnce() -> Candidate, after: Candidate) -> Candidate {
+    if guard {
+        keep_better(before(), after)
+    } else {
+        after
     }
 }
 

@@ -9,6 +9,8 @@ use winze::Pose;
 use winze::degeneracy::DirectionKind;
 use winze_report::evaluation::{Case as Truth, Direction, Tolerance};
 
+use super::journal::digest;
+
 /// One case as the file holds it, its paths made to count from where the program runs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Case {
@@ -28,6 +30,12 @@ pub(crate) struct Case {
     unobservable: Vec<DirectionRow>,
     #[serde(default = "no_family")]
     pub(crate) family: String,
+    #[serde(default)]
+    pub(crate) sensor: String,
+    #[serde(default)]
+    pub(crate) overlap: Option<f64>,
+    #[serde(default)]
+    pub(crate) bend_rms_m: Option<f64>,
 }
 
 type Matrix = [[f64; 4]; 4];
@@ -66,14 +74,15 @@ pub(crate) fn file_of(path: &Path) -> PathBuf {
     }
 }
 
-/// Reads and checks all cases of a file.
-pub(crate) fn read(file: &Path) -> anyhow::Result<Vec<Case>> {
+/// Reads and checks all cases of a file; with its digest.
+pub(crate) fn read(file: &Path) -> anyhow::Result<(Vec<Case>, String)> {
     let at = file.display();
     let text = std::fs::read(file).with_context(|| {
         format!("{at}: cannot be read; give a cases.json or a folder that holds one")
     })?;
     let folder = file.parent().unwrap_or(Path::new(""));
-    parse(&text, folder).with_context(|| at.to_string())
+    let cases = parse(&text, folder).with_context(|| at.to_string())?;
+    Ok((cases, digest(&text)))
 }
 
 fn parse(text: &[u8], folder: &Path) -> anyhow::Result<Vec<Case>> {
@@ -222,6 +231,10 @@ mod tests {
         assert_eq!(truth.unobservable[0].direction, [1.0, 0.0, 0.0]);
         assert_eq!(truth.unobservable[1].kind, DirectionKind::Rotation);
         assert_eq!(truth.alternatives.len(), 1);
+        assert_eq!(
+            (case.sensor.as_str(), case.overlap, case.bend_rms_m),
+            ("lidar32", Some(0.9), Some(0.04))
+        );
         let bare = cases(r#""truth": null"#).unwrap().remove(0);
         assert_eq!(bare.truth().unwrap(), Truth::default());
         // As it goes to a worker.

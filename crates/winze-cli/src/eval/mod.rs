@@ -1,6 +1,7 @@
 //! `winze eval`: methods over cases, the tables.
 
 mod cases;
+mod journal;
 mod sheet;
 mod worker;
 mod workers;
@@ -15,8 +16,8 @@ use anyhow::{Context as _, bail};
 use winze::{Config, Method};
 use winze_io::atomic;
 use winze_report::evaluation::{
-    CLOUDS, Evaluation, MethodCost, Paper, Run, Trouble, accuracy, answers, costs, label_table,
-    labels, summaries,
+    CLOUDS, Evaluation, Labelled, MethodCost, Paper, Run, Trouble, accuracy, answers, costs,
+    label_table, labels, summaries,
 };
 
 use crate::args::{Eval, Global};
@@ -24,6 +25,7 @@ use crate::config;
 use crate::output::{check_outputs, print, talk};
 use crate::progress::Progress;
 use cases::{Case, Choice};
+use journal::{Head, Journal};
 use worker::{Job, Said};
 
 pub(crate) use worker::run as run_worker;
@@ -37,7 +39,7 @@ const FIGURES: Method = Method::FpfhNdtIcp;
 pub(crate) fn run(args: &Eval, global: &Global) -> anyhow::Result<ExitCode> {
     let config = config::effective(global)?;
     let file = cases::file_of(&args.cases);
-    let all = cases::read(&file)?;
+    let (all, cases_digest) = cases::read(&file)?;
     let chosen = if args.paper {
         of_the_paper(all).with_context(|| file.display().to_string())?
     } else {
@@ -57,7 +59,23 @@ pub(crate) fn run(args: &Eval, global: &Global) -> anyhow::Result<ExitCode> {
         std::fs::create_dir_all(folder).with_context(|| format!("{at}: cannot be made"))?;
     }
     let methods = methods(args);
-    let (runs, costs, errors) = ask(args, global, &config, &chosen, &methods)?;
+    let share = shared_out(args, global, methods.len());
+    let config_digest = config::digest(&config)?;
+    let head = Head {
+        winze: env!("CARGO_PKG_VERSION").to_owned(),
+        config_digest: config_digest.clone(),
+        cases_digest,
+    };
+    let journal = args.journal.as_deref();
+    let journal = journal.map(|path| Journal::open(path, &head)).transpose()?;
+    let asked = Asked {
+        args,
+        global,
+        config: &config,
+        cases: &chosen,
+        journal: journal.as_ref(),
+    };
+    let (runs, costs, errors) = ask(&asked, &methods, share)?;
     let truths = chosen
         .iter()
         .map(Case::truth)
@@ -66,11 +84,17 @@ pub(crate) fn run(args: &Eval, global: &Global) -> anyhow::Result<ExitCode> {
     let evaluation = Evaluation {
         winze: env!("CARGO_PKG_VERSION"),
         command: command(),
-        config_digest: config::digest(&config)?,
+        config_digest,
         seeds: seeds(args, config.seed),
-        jobs: shared_out(args, global, methods.len()).0,
-        threads: shared_out(args, global, methods.len()).1,
-        labels: labels(with_truth.map(|(c, t)| (c.family.as_str(), t, c.gravity_aligned))),
+        jobs: share.0,
+        threads: share.1,
+        labels: labels(with_truth.map(|(c, truth)| Labelled {
+            family: &c.family,
+            truth,
+            gravity_aligned: c.gravity_aligned,
+            overlap: c.overlap,
+            bend_rms_m: c.bend_rms_m,
+        })),
         summaries: summaries(&runs),
         costs,
         errors,
@@ -136,7 +160,7 @@ fn of_the_paper(cases: Vec<Case>) -> anyhow::Result<Vec<Case>> {
 
 /// Refuses at once what could not be written in the end.
 fn check(args: &Eval, global: &Global, file: &Path, chosen: &[Case]) -> anyhow::Result<()> {
-    let outputs: Vec<&Path> = [&args.json, &args.report]
+    let outputs: Vec<&Path> = [&args.json, &args.report, &args.journal]
         .into_iter()
         .flatten()
         .map(PathBuf::as_path)
@@ -156,76 +180,130 @@ fn check(args: &Eval, global: &Global, file: &Path, chosen: &[Case]) -> anyhow::
     check_outputs(&outputs, &inputs)
 }
 
-/// Every method in a process of its own; unless several are asked for at once, one after another, so that
-/// seconds are those of a machine with nothing else to do.
-fn ask(
-    args: &Eval,
-    global: &Global,
-    config: &Config,
-    chosen: &[Case],
-    methods: &[Method],
-) -> anyhow::Result<(Vec<Run>, Vec<MethodCost>, Vec<Trouble>)> {
-    let seeds_of = |method: Method| {
-        let mut seeds = seeds(args, config.seed);
+/// What is asked, of every method alike.
+struct Asked<'a> {
+    args: &'a Eval,
+    global: &'a Global,
+    config: &'a Config,
+    cases: &'a [Case],
+    journal: Option<&'a Journal>,
+}
+
+impl Asked<'_> {
+    fn seeds_of(&self, method: Method) -> Vec<u64> {
+        let mut seeds = seeds(self.args, self.config.seed);
         if !method.uses_features() {
             // Nothing is drawn at random: all seeds would say the same.
             seeds.truncate(1);
         }
         seeds
-    };
-    let (jobs, threads) = shared_out(args, global, methods.len());
-    let total: usize = methods
-        .iter()
-        .map(|m| seeds_of(*m).len() * chosen.len())
-        .sum();
-    let progress = Progress::counted(global.quiet, total);
-    let one = |i: usize, method: Method| -> anyhow::Result<(Vec<Run>, MethodCost, Vec<Trouble>)> {
+    }
+
+    /// One method on all cases.
+    fn one(
+        &self,
+        first: bool,
+        method: Method,
+        threads: usize,
+        progress: &Progress,
+    ) -> anyhow::Result<(Vec<Run>, MethodCost, Vec<Trouble>)> {
         progress.say(&format!("{method}: read"));
-        let job = Job {
-            method: method.name().to_owned(),
-            config: config.clone(),
-            seeds: seeds_of(method),
-            keep_query: args.paper,
-            figures: args.figures.clone().filter(|_| method == FIGURES),
-            cases: by_map(chosen),
-        };
+        let name = method.name();
+        let seeds = self.seeds_of(method);
         let (mut runs, mut errors): (Vec<Run>, Vec<Trouble>) = Default::default();
+        let mut left = Vec::new();
+        for case in self.cases {
+            let known = self.journal.and_then(|j| j.runs(name, &case.name, &seeds));
+            match known {
+                Some(known) => {
+                    for run in known {
+                        progress.step(&format!("{method}: {}", case.name));
+                        runs.push(run);
+                    }
+                }
+                None => left.push(case.clone()),
+            }
+        }
+        let job = Job {
+            method: name.to_owned(),
+            config: self.config.clone(),
+            seeds: seeds.clone(),
+            keep_query: self.args.paper,
+            figures: self.args.figures.clone().filter(|_| method == FIGURES),
+            cases: by_map(&left),
+        };
+        let mut noted = Ok(());
+        let mut note = |journal: &dyn Fn(&Journal) -> anyhow::Result<()>| {
+            if let (Some(own), Ok(())) = (self.journal, &noted) {
+                noted = journal(own);
+            }
+        };
         // What the readers have to say of a file need not be said again for every method.
-        let quiet = global.quiet || i > 0;
-        let cost = workers::work(job, global, threads, quiet, |said| match said {
+        let quiet = self.global.quiet || !first;
+        let cost = workers::work(job, self.global, threads, quiet, |said| match said {
             Said::Run(mut run) => {
-                if let Some(case) = chosen.iter().find(|c| c.name == run.case) {
-                    run.again = again(args, global, case, method, run.seed);
+                if let Some(case) = self.cases.iter().find(|c| c.name == run.case) {
+                    run.again = again(self.args, self.global, case, method, run.seed);
                 }
                 progress.step(&format!("{method}: {}", run.case));
+                note(&|journal| journal.run(&run));
                 runs.push(*run);
             }
             Said::Trouble { case, message } => errors.push(Trouble {
                 case,
-                method: method.name().to_owned(),
+                method: name.to_owned(),
                 message,
             }),
-            Said::Over { .. } | Said::Map { .. } => {}
+            Said::Map { cost, peak } => note(&|journal| journal.map(name, &cost, peak)),
+            Said::Over { .. } => {}
         })?;
+        noted?;
+        let earlier = self.journal.and_then(|j| j.cost(name)).cloned();
+        let cost = earlier.map_or(cost.clone(), |mut earlier| {
+            earlier.peak_memory_bytes = earlier.peak_memory_bytes.max(cost.peak_memory_bytes);
+            earlier.maps.extend(cost.maps);
+            earlier.errors = cost.errors;
+            earlier
+        });
         // What broke off stays in every denominator.
-        for case in chosen {
+        for case in self.cases {
             let Some(trouble) = errors.iter().find(|e| e.case == case.name) else {
                 continue;
             };
             let truth = case.truth()?;
-            for seed in seeds_of(method) {
+            for &seed in &seeds {
                 if !runs.iter().any(|r| r.case == case.name && r.seed == seed) {
-                    let (name, family) = (&case.name, &case.family);
                     let why = &trouble.message;
-                    runs.push(Run::broken(name, family, method.name(), seed, &truth, why));
-                    progress.step(&format!("{method}: {name}"));
+                    runs.push(Run::broken(
+                        &case.name,
+                        &case.family,
+                        name,
+                        seed,
+                        &truth,
+                        why,
+                    ));
+                    progress.step(&format!("{method}: {}", case.name));
                 }
             }
         }
         // The order of the file again; seeds stay in theirs.
-        runs.sort_by_key(|r| chosen.iter().position(|c| c.name == r.case));
+        runs.sort_by_key(|r| self.cases.iter().position(|c| c.name == r.case));
         Ok((runs, cost, errors))
-    };
+    }
+}
+
+/// Every method in a process of its own; unless several are asked for at once, one after another, so that
+/// seconds are those of a machine with nothing else to do.
+fn ask(
+    asked: &Asked<'_>,
+    methods: &[Method],
+    (jobs, threads): (usize, usize),
+) -> anyhow::Result<(Vec<Run>, Vec<MethodCost>, Vec<Trouble>)> {
+    let total: usize = methods
+        .iter()
+        .map(|m| asked.seeds_of(*m).len() * asked.cases.len())
+        .sum();
+    let progress = Progress::counted(asked.global.quiet, total);
     let next = AtomicUsize::new(0);
     let found = Mutex::new(Vec::new());
     std::thread::scope(|scope| {
@@ -236,7 +314,7 @@ fn ask(
                     let Some(&method) = methods.get(i) else {
                         return;
                     };
-                    let answer = one(i, method);
+                    let answer = asked.one(i == 0, method, threads, &progress);
                     let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
                     found.push((i, answer));
                 }
@@ -319,6 +397,7 @@ fn text(e: &Evaluation) -> String {
         let _ = writeln!(out, "{}", label_table(&e.labels).to_text());
         let _ = writeln!(out, "{}", answers(&e.summaries).to_text());
         let _ = writeln!(out, "{}", accuracy(&e.summaries).to_text());
+        out += "error: of right poses, across what is unobservable; all: of every pose of a query that is in the map.\n";
     }
     let _ = write!(out, "\n{}", costs(&e.costs).to_text());
     if e.jobs > 1 {

@@ -39,8 +39,8 @@ pub(super) enum Said {
     Run(Box<Run>),
     /// A case gives no answer.
     Trouble { case: String, message: String },
-    /// All runs of a case are over.
-    Over { case: String },
+    /// All runs of a case are over; with the most memory held so far, bytes.
+    Over { case: String, peak: Option<u64> },
     /// All cases of a map are over; with the most memory held so far, bytes.
     Map { cost: MapCost, peak: Option<u64> },
 }
@@ -55,9 +55,7 @@ pub(crate) fn run() -> anyhow::Result<ExitCode> {
             Some(Err(e)) => {
                 for case in cases {
                     trouble(case, &e)?;
-                    say(&Said::Over {
-                        case: case.name.clone(),
-                    })?;
+                    over(case)?;
                 }
                 continue;
             }
@@ -80,9 +78,7 @@ pub(crate) fn run() -> anyhow::Result<ExitCode> {
                 }
                 trouble(case, &e)?;
             }
-            say(&Said::Over {
-                case: case.name.clone(),
-            })?;
+            over(case)?;
         }
         say(&Said::Map {
             cost,
@@ -146,6 +142,8 @@ fn judged(case: &Case, truth: &Truth, query: &CloudFile, outcome: &Outcome) -> R
     Run {
         case: case.name.clone(),
         family: case.family.clone(),
+        sensor: case.sensor.clone(),
+        overlap: case.overlap,
         method: outcome.method.to_owned(),
         seed: outcome.seed,
         verdict: Some(outcome.verdict),
@@ -185,6 +183,13 @@ fn trouble(case: &Case, e: &anyhow::Error) -> anyhow::Result<()> {
     say(&Said::Trouble {
         case: case.name.clone(),
         message: format!("{e:#}").replace('\n', " "),
+    })
+}
+
+fn over(case: &Case) -> anyhow::Result<()> {
+    say(&Said::Over {
+        case: case.name.clone(),
+        peak: peak_memory(),
     })
 }
 

@@ -43,13 +43,19 @@ pub(super) fn work(
     while !job.cases.is_empty() {
         let mut over = 0;
         let died = watch(&job, global, threads, quiet, &mut |said| match said {
-            Said::Map { cost: map, peak } => {
-                cost.maps.push(map);
+            Said::Over { peak, .. } => {
+                over += 1;
                 cost.peak_memory_bytes = cost.peak_memory_bytes.max(peak);
             }
-            Said::Over { .. } => over += 1,
             said => {
-                cost.errors += usize::from(matches!(said, Said::Trouble { .. }));
+                match &said {
+                    Said::Map { cost: map, peak } => {
+                        cost.maps.push(map.clone());
+                        cost.peak_memory_bytes = cost.peak_memory_bytes.max(*peak);
+                    }
+                    Said::Trouble { .. } => cost.errors += 1,
+                    _ => {}
+                }
                 heard(said);
             }
         })?;

@@ -18,7 +18,7 @@ mod rates;
 mod summary;
 mod tables;
 
-pub use labels::{Labels, labels};
+pub use labels::{Labelled, Labels, labels};
 pub use mark::{Case, Class, Direction, Mark, Tolerance, mark};
 pub use page::{Exhibit, evaluation_page};
 pub use paper::{CLOUDS, Paper, PaperCell};
@@ -36,6 +36,12 @@ pub struct Run {
     pub case: String,
     /// Its family.
     pub family: String,
+    /// The query's sensor, if the case names it.
+    #[serde(default)]
+    pub sensor: String,
+    /// Share of the query that the map holds, if the case tells.
+    #[serde(default)]
+    pub overlap: Option<f64>,
     /// The method's name.
     pub method: String,
     /// The seed.
@@ -132,6 +138,8 @@ impl Run {
         Self {
             case: case.to_owned(),
             family: family.to_owned(),
+            sensor: String::new(),
+            overlap: None,
             method: method.to_owned(),
             seed,
             verdict: None,
@@ -173,6 +181,8 @@ pub(crate) mod tests {
         Run {
             case: format!("{family}/1"),
             family: family.into(),
+            sensor: String::new(),
+            overlap: None,
             method: method.into(),
             seed: 0,
             verdict: Some(Verdict::Located),

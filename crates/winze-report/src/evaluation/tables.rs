@@ -37,7 +37,8 @@ pub fn answers(summaries: &[Summary]) -> Table {
     table
 }
 
-/// How well: errors over the right poses, the paper's metrics, seconds.
+/// How well: errors over the right poses, the paper's metrics, seconds; last, displacement over all poses of queries
+/// that are in the map, right or wrong.
 #[must_use]
 pub fn accuracy(summaries: &[Summary]) -> Table {
     let mut table = Table::new(
@@ -54,6 +55,8 @@ pub fn accuracy(summaries: &[Summary]) -> Table {
             "seconds p50",
             "p95",
             "max",
+            "all m p50",
+            "p95",
         ],
     );
     for s in summaries {
@@ -71,6 +74,8 @@ pub fn accuracy(summaries: &[Summary]) -> Table {
             number(s.seconds, |q| q.median, 2),
             number(s.seconds, |q| q.p95, 2),
             number(s.seconds, |q| q.max, 2),
+            number(s.translation_m_of_all, |q| q.median, 2),
+            number(s.translation_m_of_all, |q| q.p95, 2),
         ]);
     }
     table
@@ -119,6 +124,8 @@ pub fn label_table(labels: &[Labels]) -> Table {
             "unobservable",
             "counted for recall",
             "gravity-aligned",
+            "overlap p50",
+            "bend m p50",
         ],
     );
     for l in labels {
@@ -134,6 +141,7 @@ pub fn label_table(labels: &[Labels]) -> Table {
             ]
             .map(|n| n.to_string()),
         );
+        row.extend([decimal(l.overlap, 3), decimal(l.bend_rms_m, 3)]);
         table.row(row);
     }
     table

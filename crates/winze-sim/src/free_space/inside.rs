@@ -109,10 +109,7 @@ fn look(caster: &Caster, places: &[Place], set: Vec<u32>) -> Seen {
             };
             hits += 1;
             walls += u32::from(d[2] == 0.0);
-            if let Some(corners) = caster.mesh().corners(hit.triangle as usize) {
-                let [a, b, c] = corners.map(|v| v.map(f64::from));
-                front += u32::from(dot(cross(sub(b, a), sub(c, a)), d) < 0.0);
-            }
+            front += u32::from(faces_against(caster, hit.triangle, d));
         }
     }
     let under_roof = set
@@ -129,6 +126,29 @@ fn look(caster: &Caster, places: &[Place], set: Vec<u32>) -> Seen {
         front: share(front, hits),
         places: set,
     }
+}
+
+/// How many of the surfaces that rays from a point meet face it, and how many they meet.
+pub(crate) fn faces(caster: &Caster, from: [f64; 3]) -> (u32, u32) {
+    let (mut front, mut hits) = (0, 0);
+    for d in directions() {
+        if let Some(hit) = caster.cast(from, d, NEARBY) {
+            hits += 1;
+            front += u32::from(faces_against(caster, hit.triangle, d));
+        }
+    }
+    (front, hits)
+}
+
+/// A triangle's winding faces whoever looks in a direction.
+fn faces_against(caster: &Caster, triangle: u32, direction: [f64; 3]) -> bool {
+    caster
+        .mesh()
+        .corners(triangle as usize)
+        .is_some_and(|corners| {
+            let [a, b, c] = corners.map(|v| v.map(f64::from));
+            dot(cross(sub(b, a), sub(c, a)), direction) < 0.0
+        })
 }
 
 /// The 26 directions to the neighbours in a cubic lattice.

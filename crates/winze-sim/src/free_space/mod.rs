@@ -9,19 +9,32 @@ mod columns;
 mod inside;
 mod ways;
 
+use serde::{Deserialize, Serialize};
 use winze::rng::Rng;
+
+pub(crate) use inside::faces;
 
 use crate::error::{Error, Result};
 use crate::raycast::Caster;
 use crate::vec3::{distance, scale, sub};
 
 /// The room that a robot takes up around its sensor.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Robot {
     /// Nothing is nearer to its sensor than this, metres.
     pub radius: f64,
     /// Height of its sensor above the floor, metres; of a flying robot, too, which keeps to it.
     pub height: f64,
+}
+
+impl Default for Robot {
+    fn default() -> Self {
+        Self {
+            radius: 0.6,
+            height: 1.4,
+        }
+    }
 }
 
 impl Robot {

@@ -45,6 +45,20 @@ fn tube(length: f64, y: f64, capped: bool, bumps: impl Fn(f64) -> f64) -> Vec<Wi
     out
 }
 
+/// Labels of what was seen from the middle line of a tube.
+fn labels_of(map: &MappedSurface, witnesses: &[Witness]) -> Labels {
+    let xs = || witnesses.iter().map(|w| w.point[0]);
+    let (low, high) = (xs().fold(f64::MAX, f64::min), xs().fold(f64::MIN, f64::max));
+    let stands: Vec<[f64; 3]> = (0..=10)
+        .map(|i| [low + 0.1 * f64::from(i) * (high - low), 0.0, 0.0])
+        .collect();
+    let query = Seen {
+        witnesses,
+        stands: &stands,
+    };
+    label(map, query, TOLERANCE, 1)
+}
+
 fn places(length: f64, y: f64) -> Vec<[f64; 3]> {
     (1..(length / 0.5) as i32)
         .map(|i| [0.5 * f64::from(i), y, 0.0])
@@ -67,7 +81,7 @@ fn odd(x: f64) -> f64 {
 fn a_bare_tube_leaves_the_way_along_it_open() {
     let all = tube(40.0, 0.0, false, |_| 0.0);
     let map = MappedSurface::new(&all, &places(40.0, 0.0));
-    let labels = label(&map, &between(&all, 15.0, 25.0), TOLERANCE, 1);
+    let labels = labels_of(&map, &between(&all, 15.0, 25.0));
     assert!(labels.overlap > 0.999);
     assert_eq!(labels.unobservable.len(), 1, "{labels:?}");
     assert!(!labels.unobservable[0].rotation);
@@ -80,10 +94,25 @@ fn a_bare_tube_leaves_the_way_along_it_open() {
 }
 
 #[test]
+fn a_like_stretch_further_along_an_open_drift_is_another_place() {
+    // Bare but for a swelling in the middle: the query is open where it was, and cannot slide past that.
+    let all = tube(60.0, 0.0, false, |x| {
+        0.6 * libm::exp(-(x - 30.0) * (x - 30.0) / 4.0)
+    });
+    let map = MappedSurface::new(&all, &places(60.0, 0.0));
+    let labels = labels_of(&map, &between(&all, 8.0, 18.0));
+    assert_eq!(labels.unobservable.len(), 1, "{labels:?}");
+    let beyond = |p: &Pose| p.angle() < 0.1 && p.translation()[0] > 25.0;
+    assert!(labels.alternatives.iter().any(beyond), "{labels:?}");
+    let beside = |p: &Pose| p.angle() < 0.1 && p.translation()[0].abs() < 8.0;
+    assert!(!labels.alternatives.iter().any(beside), "{labels:?}");
+}
+
+#[test]
 fn relief_tells_where() {
     let all = tube(40.0, 0.0, true, odd);
     let map = MappedSurface::new(&all, &places(40.0, 0.0));
-    let labels = label(&map, &between(&all, 12.0, 24.0), TOLERANCE, 1);
+    let labels = labels_of(&map, &between(&all, 12.0, 24.0));
     assert!(labels.unobservable.is_empty(), "{labels:?}");
     assert!(labels.alternatives.is_empty(), "{labels:?}");
 }
@@ -96,7 +125,7 @@ fn a_twin_is_found_and_a_lookalike_is_not() {
     let mut spots = places(30.0, 0.0);
     spots.extend(places(30.0, 30.0));
     let map = MappedSurface::new(&all, &spots);
-    let labels = label(&map, &query, TOLERANCE, 1);
+    let labels = labels_of(&map, &query);
     assert_eq!(labels.alternatives.len(), 1, "{labels:?}");
     let t = labels.alternatives[0].translation();
     assert!(distance(t, [0.0, 30.0, 0.0]) < 0.05, "{t:?}");
@@ -106,7 +135,7 @@ fn a_twin_is_found_and_a_lookalike_is_not() {
         odd(x) + 0.15 * libm::sin(2.3 * x)
     }));
     let map = MappedSurface::new(&other, &spots);
-    assert!(label(&map, &query, TOLERANCE, 1).alternatives.is_empty());
+    assert!(labels_of(&map, &query).alternatives.is_empty());
 }
 
 #[test]
@@ -114,14 +143,14 @@ fn overlap_counts_mapped_surface_and_leaves_new_things_aside() {
     let all = tube(40.0, 0.0, false, odd);
     let map = MappedSurface::new(&between(&all, 0.0, 20.0), &places(20.0, 0.0));
     let mut query = between(&all, 10.0, 30.0);
-    let labels = label(&map, &query, TOLERANCE, 1);
+    let labels = labels_of(&map, &query);
     assert!((labels.overlap - 0.51).abs() < 0.02, "{}", labels.overlap);
     query.extend(
         tube(10.0, 1.0, false, |_| -1.5)
             .into_iter()
             .map(|w| Witness { new: true, ..w }),
     );
-    assert_eq!(label(&map, &query, TOLERANCE, 1).overlap, labels.overlap);
+    assert_eq!(labels_of(&map, &query).overlap, labels.overlap);
 }
 
 #[test]
@@ -135,7 +164,7 @@ fn what_lies_beside_other_walls_is_no_rival_at_little_overlap() {
         spots.extend(places(40.0, y));
     }
     let map = MappedSurface::new(&all, &spots);
-    let labels = label(&map, &query, TOLERANCE, 1);
+    let labels = labels_of(&map, &query);
     assert!((labels.overlap - 0.41).abs() < 0.03, "{}", labels.overlap);
     assert!(labels.alternatives.is_empty(), "{labels:?}");
     assert!(labels.unobservable.is_empty(), "{labels:?}");
@@ -144,7 +173,7 @@ fn what_lies_beside_other_walls_is_no_rival_at_little_overlap() {
 #[test]
 fn nothing_in_nothing_out() {
     let map = MappedSurface::new(&[], &[]);
-    let labels = label(&map, &[], TOLERANCE, 1);
+    let labels = labels_of(&map, &[]);
     assert_eq!(labels.overlap, 0.0);
     assert!(labels.alternatives.is_empty() && labels.unobservable.is_empty());
     assert!(map.is_empty());

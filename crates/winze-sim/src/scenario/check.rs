@@ -2,13 +2,15 @@
 
 use std::collections::BTreeSet;
 
+use super::way::way_length;
 use super::{MapSpec, Mine, Place, QuerySpec, Scenario};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, within};
 
 /// As far from the origin as a mesh can lie, metres.
 const FAR: f64 = 60_000.0;
-/// More cases than anybody waits for.
+/// More cases than anybody waits for, and longer lines, metres.
 const MOST: usize = 100_000;
+const LONGEST: f64 = 100_000.0;
 
 impl Scenario {
     /// Checks every setting that can be checked beforehand.
@@ -59,10 +61,10 @@ impl Scenario {
                 &format!("no mine \"{name}\" has a [mine.map]"),
             ));
         }
-        if query.through.is_some() && query.place != Place::Mapped {
+        if (query.through.is_some() || query.via.is_some()) && query.place != Place::Mapped {
             return Err(refused(
                 &format!("{key}.place"),
-                "the way is given by through; leave one of them out",
+                "the way is given by through or via; leave one of them out",
             ));
         }
         if mine.mesh.is_some() && query.change.is_some() {
@@ -104,12 +106,13 @@ fn check_map(key: &str, map: &MapSpec) -> Result<()> {
     within(&format!("{key}.voxel"), map.voxel, 0.005, 5.0)?;
     within(&format!("{key}.leave_out"), map.leave_out, 0.0, 0.9)?;
     within(&format!("{key}.warp"), map.warp, 0.0, 0.1)?;
-    if map.through.is_some() && map.leave_out > 0.0 {
+    if (map.through.is_some() || map.via.is_some()) && map.leave_out > 0.0 {
         return Err(refused(
             &format!("{key}.leave_out"),
-            "the way is given by through, and what it does not see is not mapped",
+            "the way is given by through or via, and what it does not see is not mapped",
         ));
     }
+    one_way(key, map.through.is_some(), map.via.as_ref())?;
     for v in map.origin {
         within(&format!("{key}.origin"), v, -1e8, 1e8)?;
     }
@@ -140,6 +143,10 @@ fn check_query(key: &str, query: &QuerySpec) -> Result<()> {
     let [shortest, longest] = query.length;
     within(&format!("{key}.length"), longest, 1.0, 1e4)?;
     within(&format!("{key}.length"), shortest, 1.0, longest)?;
+    let [least, most] = query.mapped_share;
+    within(&format!("{key}.mapped_share"), most, 0.0, 1.0)?;
+    within(&format!("{key}.mapped_share"), least, 0.0, most)?;
+    one_way(key, query.through.is_some(), query.via.as_ref())?;
     within(&format!("{key}.voxel"), query.voxel, 0.005, 5.0)?;
     within(&format!("{key}.away"), query.away, 0.0, 1e7)?;
     for v in query.tolerance {
@@ -151,14 +158,38 @@ fn check_query(key: &str, query: &QuerySpec) -> Result<()> {
     lines(&format!("{key}.through"), query.through.iter())
 }
 
-fn lines<'a>(key: &str, mut lines: impl Iterator<Item = &'a Vec<[f64; 3]>>) -> Result<()> {
+/// A way is given once; ways through free space take two places or more.
+fn one_way(key: &str, through: bool, via: Option<&Vec<[f64; 3]>>) -> Result<()> {
+    let Some(via) = via else { return Ok(()) };
+    let key = format!("{key}.via");
+    if through {
+        return Err(refused(
+            &key,
+            "the way is given by through too; leave one of them out",
+        ));
+    }
+    if via.len() < 2 {
+        return Err(refused(
+            &key,
+            "a way goes from one place to another: name two or more",
+        ));
+    }
+    lines(&key, std::iter::once(via))
+}
+
+fn lines<'a>(key: &str, lines: impl Iterator<Item = &'a Vec<[f64; 3]>>) -> Result<()> {
+    let all: Vec<&Vec<[f64; 3]>> = lines.collect();
     let bad =
-        |line: &Vec<[f64; 3]>| line.is_empty() || line.iter().flatten().any(|v| !(v.abs() < FAR));
-    if lines.any(bad) {
+        |line: &&Vec<[f64; 3]>| line.is_empty() || line.iter().flatten().any(|v| !(v.abs() < FAR));
+    if all.iter().any(bad) {
         return Err(refused(
             key,
             "a line without points, or with one that is not finite or 60 km away",
         ));
+    }
+    let too_long = |line: &&Vec<[f64; 3]>| way_length(line) > LONGEST;
+    if all.iter().any(too_long) {
+        return Err(refused(key, "a line of more than 100 km"));
     }
     Ok(())
 }
@@ -173,16 +204,6 @@ fn named(key: &str, name: &str) -> Result<()> {
         ));
     }
     Ok(())
-}
-
-fn within(key: &str, value: f64, low: f64, high: f64) -> Result<()> {
-    if value >= low && value <= high {
-        return Ok(());
-    }
-    Err(refused(
-        key,
-        &format!("must lie between {low} and {high}, is {value}"),
-    ))
 }
 
 fn refused(key: &str, why: &str) -> Error {

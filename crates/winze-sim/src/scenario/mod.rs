@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::dust::Dust;
 use crate::error::{Error, Result};
+use crate::free_space::Robot;
 use crate::motion::{Drift, Motion};
 use crate::sensor::SensorSpec;
 use crate::world::{Change, WorldSpec};
@@ -48,32 +49,13 @@ pub struct Mine {
     pub mesh: Option<PathBuf>,
     /// Size of the robot that must fit through.
     #[serde(default)]
-    pub robot: RobotSize,
+    pub robot: Robot,
     /// How it was mapped; without a map its queries must ask in another mine's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub map: Option<MapSpec>,
     /// Its queries.
     #[serde(default, rename = "query")]
     pub queries: Vec<QuerySpec>,
-}
-
-/// The room that a robot takes.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct RobotSize {
-    /// Half its width, metres: its sensor stays this far from everything.
-    pub radius: f64,
-    /// Height of its sensor above the floor, metres; that at which a drone flies.
-    pub height: f64,
-}
-
-impl Default for RobotSize {
-    fn default() -> Self {
-        Self {
-            radius: 0.6,
-            height: 1.4,
-        }
-    }
 }
 
 /// How a mine was mapped.
@@ -94,6 +76,9 @@ pub struct MapSpec {
     /// The lines that the sensor followed, metres, instead of a survey of all that can be reached.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub through: Option<Vec<Vec<[f64; 3]>>>,
+    /// The places that the sensor went past by ways through free space, metres, instead of a survey of all.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub via: Option<Vec<[f64; 3]>>,
     /// One point a cube of this edge, metres.
     #[serde(default = "map_voxel")]
     pub voxel: f64,
@@ -141,12 +126,19 @@ pub struct QuerySpec {
     /// Where the drives lie.
     #[serde(default)]
     pub place: Place,
+    /// Least and greatest share of a drive on the border that lies in the mapped part.
+    #[serde(default = "mapped_share")]
+    pub mapped_share: [f64; 2],
     /// Shortest and longest drive, metres.
     #[serde(default = "drive_length")]
     pub length: [f64; 2],
     /// The line that the sensor follows, metres, instead of a drive from a random place.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub through: Option<Vec<[f64; 3]>>,
+    /// The places that the sensor goes past by ways through free space, metres, instead of a drive from a
+    /// random place.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub via: Option<Vec<[f64; 3]>>,
     /// One point a cube of this edge, metres.
     #[serde(default = "query_voxel")]
     pub voxel: f64,
@@ -228,6 +220,10 @@ fn query_voxel() -> f64 {
 
 fn one() -> usize {
     1
+}
+
+fn mapped_share() -> [f64; 2] {
+    [0.1, 0.6]
 }
 
 fn drive_length() -> [f64; 2] {

@@ -1,6 +1,5 @@
 //! Plays a scenario: builds its mines, maps them, drives through them.
 
-use rustc_hash::FxHashMap;
 use winze::rng::Rng;
 use winze::{Cloud, Pose};
 
@@ -10,9 +9,10 @@ use super::{MapSpec, Mine, Place, QuerySpec, Scenario};
 use crate::cases::{Case, CaseTolerance, OpenDirection};
 use crate::dust::Dust;
 use crate::error::{Error, Result};
-use crate::free_space::{FreeSpace, Robot};
-use crate::labels::{self, Labels, MappedSurface, Tolerance, Witness};
+use crate::free_space::FreeSpace;
+use crate::labels::{self, Labels, MappedSurface, SeenSurface, Tolerance};
 use crate::mesh::Mesh;
+use crate::mesh_file::MeshReport;
 use crate::motion::Trajectory;
 use crate::raycast::Caster;
 use crate::survey::{Gathered, Gathering, QueryGatherer};
@@ -36,12 +36,16 @@ pub struct Step<'a> {
 /// Something that a scenario made.
 #[derive(Debug)]
 pub enum Made<'a> {
-    /// A mine, as it was when it was mapped.
+    /// A mine, as it was when it was mapped, or as some of its queries found it.
     Mesh {
         /// The mine's name.
         mine: &'a str,
+        /// The queries that found it changed.
+        later: Option<&'a str>,
         /// Its surface, world frame.
         mesh: &'a Mesh,
+        /// What was read, where it comes from a file.
+        read: Option<MeshReport>,
     },
     /// A map.
     Map(MadeMap<'a>),
@@ -90,7 +94,7 @@ pub struct MadeQuery {
 pub fn simulate<E: From<Error>>(
     scenario: &Scenario,
     seed: u64,
-    progress: &dyn Fn(Step<'_>),
+    progress: &(dyn Fn(Step<'_>) + Sync),
     mut each: impl FnMut(Made<'_>) -> std::result::Result<(), E>,
 ) -> std::result::Result<(), E> {
     scenario.validate()?;
@@ -110,7 +114,7 @@ pub fn simulate<E: From<Error>>(
 struct Play<'a> {
     scenario: &'a Scenario,
     seed: u64,
-    progress: &'a dyn Fn(Step<'_>),
+    progress: &'a (dyn Fn(Step<'_>) + Sync),
     done: usize,
     of: usize,
 }
@@ -142,12 +146,14 @@ impl Play<'_> {
         mine: &Mine,
         each: &mut impl FnMut(Made<'_>) -> std::result::Result<(), E>,
     ) -> std::result::Result<(), E> {
-        let caster = self.build(mine, None)?;
-        let first = self.session(mine, &caster)?;
+        let (caster, read) = self.build(mine, None)?;
         each(Made::Mesh {
             mine: &mine.name,
-            mesh: first.caster.mesh(),
+            later: None,
+            mesh: caster.mesh(),
+            read,
         })?;
+        let first = self.session(mine, &caster)?;
         let mapped = match &mine.map {
             Some(spec) => {
                 let (mapped, cloud, way, scans) = self.map(mine, spec, &first)?;
@@ -163,9 +169,17 @@ impl Play<'_> {
         };
         for spec in &mine.queries {
             let changed = match spec.change {
-                Some(_) => Some(self.build(mine, Some(spec))?),
+                Some(_) => Some(self.build(mine, Some(spec))?.0),
                 None => None,
             };
+            if let Some(caster) = &changed {
+                each(Made::Mesh {
+                    mine: &mine.name,
+                    later: Some(&spec.name),
+                    mesh: caster.mesh(),
+                    read: None,
+                })?;
+            }
             let later = match &changed {
                 Some(caster) => Some(self.session(mine, caster)?),
                 None => None,
@@ -193,37 +207,41 @@ impl Play<'_> {
     }
 
     /// The mine as it was mapped, or as it is for some of its queries.
-    fn build(&self, mine: &Mine, later: Option<&QuerySpec>) -> Result<Caster> {
+    fn build(
+        &self,
+        mine: &Mine,
+        later: Option<&QuerySpec>,
+    ) -> Result<(Caster, Option<MeshReport>)> {
         let change = later.and_then(|q| q.change.as_ref());
         let what = match later {
             Some(q) => format!("{}: changing the mine for {}", mine.name, q.name),
             None => format!("{}: making the mine", mine.name),
         };
         self.say(&what);
-        let mesh = match (&mine.world, &mine.mesh) {
+        let (mesh, read) = match (&mine.world, &mine.mesh) {
             (Some(spec), _) => {
                 let seed = self.seed_of(&[&mine.name, "world"], 0);
-                world::build(spec, seed, change, &|_| ())?.mesh
+                let told = |share: f64| self.say(&format!("{what}, {:.0} %", 100.0 * share));
+                (world::build(spec, seed, change, &told)?.mesh, None)
             }
-            (None, Some(path)) => mesh_file::read_mesh(path)?.0,
-            (None, None) => Mesh::default(),
+            (None, Some(path)) => {
+                let (mesh, read) = mesh_file::read_mesh(path)?;
+                (mesh, Some(read))
+            }
+            (None, None) => (Mesh::default(), None),
         };
-        Caster::new(mesh)
+        Ok((Caster::new(mesh)?, read))
     }
 
     /// Looks for room in a mine, unless all its drives are given.
     fn session<'c>(&self, mine: &Mine, caster: &'c Caster) -> Result<Session<'c>> {
-        let led = |q: &QuerySpec| q.through.is_some();
+        let led = |q: &QuerySpec| q.through.is_some() && q.via.is_none();
         let mapped_by_hand = mine.map.as_ref().is_none_or(|m| m.through.is_some());
         let free = if mapped_by_hand && mine.queries.iter().all(led) {
             None
         } else {
             self.say(&format!("{}: looking for room", mine.name));
-            let robot = Robot {
-                radius: mine.robot.radius,
-                height: mine.robot.height,
-            };
-            Some(FreeSpace::measure(caster, &robot)?)
+            Some(FreeSpace::measure(caster, &mine.robot)?)
         };
         Ok(Session { caster, free })
     }
@@ -236,15 +254,16 @@ impl Play<'_> {
     ) -> Result<(Mapped, Cloud, f64, usize)> {
         let free = session.free.as_ref();
         let border = free.and_then(|f| Border::of(f, spec));
-        let legs = match (&spec.through, free) {
-            (Some(lines), _) => {
+        let legs = match (&spec.through, &spec.via, free) {
+            (Some(lines), ..) => {
                 for line in lines {
-                    way::check(session.caster, line)?;
+                    way::check(session.caster, line, mine.world.is_some())?;
                 }
                 lines.clone()
             }
-            (None, Some(free)) => way::survey(free, border, spec.spacing)?,
-            (None, None) => Vec::new(),
+            (None, Some(places), Some(free)) => vec![way::past(free, places)?],
+            (None, None, Some(free)) => way::survey(free, border, spec.spacing)?,
+            (None, _, None) => Vec::new(),
         };
         let scan_seed = self.seed_of(&[&mine.name, "map"], 0);
         let air = Dust {
@@ -253,7 +272,7 @@ impl Play<'_> {
         };
         let warp_seed = self.seed_of(&[&mine.name, "warp"], 0);
         let mut gathered = Gathered::new(spec.voxel);
-        let mut seen: FxHashMap<[i64; 3], Witness> = FxHashMap::default();
+        let mut seen = SeenSurface::default();
         let (mut way, mut scans) = (0.0, 0u64);
         let mut stands = Vec::new();
         for (i, leg) in legs.iter().enumerate() {
@@ -280,11 +299,7 @@ impl Play<'_> {
                         continue;
                     }
                     gathered.add(warped(p, spec.warp, warp_seed), r.intensity);
-                    if let Some((key, witness)) =
-                        labels::witness(r, world_from_sensor, |_| 0.0, |_| false)
-                    {
-                        seen.entry(key).or_insert(witness);
-                    }
+                    seen.add(r, world_from_sensor, |_| 0.0, |_| false);
                 }
             }
         }
@@ -297,11 +312,8 @@ impl Play<'_> {
         let map_from_world = Pose::from_translation(spec.origin);
         let cloud = gathered.cloud(&map_from_world, spec.intensity)?;
         let places = free.map_or(stands, way::every_metre);
-        let mut seen: Vec<([i64; 3], Witness)> = seen.into_iter().collect();
-        seen.sort_unstable_by_key(|(key, _)| *key);
-        let seen: Vec<Witness> = seen.into_iter().map(|(_, w)| w).collect();
         let mapped = Mapped {
-            surface: MappedSurface::new(&seen, &places),
+            surface: MappedSurface::new(&seen.witnesses(), &places),
             border,
             map_from_world,
         };
@@ -343,13 +355,14 @@ impl Play<'_> {
         let mut rng = Rng::new(self.seed_of(&[&mine.name, &spec.name], i), draw);
         let length = rng.range(spec.length[0], spec.length[1]);
         let border = mapped.and_then(|m| m.border);
-        let way = match (&spec.through, &session.free) {
-            (Some(line), _) => {
-                way::check(session.caster, line)?;
+        let way = match (&spec.through, &spec.via, &session.free) {
+            (Some(line), ..) => {
+                way::check(session.caster, line, mine.world.is_some())?;
                 line.clone()
             }
-            (None, Some(free)) => way::drive(free, border, spec.place, length, &mut rng)?,
-            (None, None) => Vec::new(),
+            (None, Some(places), Some(free)) => way::past(free, places)?,
+            (None, None, Some(free)) => way::drive(free, border, spec, length, &mut rng)?,
+            (None, _, None) => Vec::new(),
         };
         let trajectory = spec.motion.follow(&way, rng.next_u64());
         let believed = trajectory.drifted(&spec.drift, rng.next_u64());
@@ -373,10 +386,22 @@ impl Play<'_> {
         };
         let labels = match mapped {
             Some(m) if at_home => {
-                labels::label(&m.surface, &gathering.witnesses, tolerance, rng.next_u64())
+                let stands: Vec<[f64; 3]> = trajectory
+                    .world_from_sensor
+                    .iter()
+                    .map(Pose::translation)
+                    .collect();
+                let query = labels::Seen {
+                    witnesses: &gathering.witnesses,
+                    stands: &stands,
+                };
+                labels::label(&m.surface, query, tolerance, rng.next_u64())
             }
             _ => Labels::default(),
         };
+        let overlap = labels.overlap;
+        // Nothing is true of a query that is not there.
+        let labels = if lost { Labels::default() } else { labels };
         let asks_in = spec.asks_in.clone().unwrap_or_else(|| mine.name.clone());
         let family = format!("{}/{}", self.scenario.name, spec.name);
         let name = if spec.count == 1 {
@@ -396,27 +421,19 @@ impl Play<'_> {
                 rotation_deg: spec.tolerance[1],
             },
             gravity_aligned: level,
-            overlap: (!lost).then_some(labels.overlap),
-            ambiguous: !lost && !labels.alternatives.is_empty(),
-            alternatives: if lost {
-                Vec::new()
-            } else {
-                labels
-                    .alternatives
-                    .iter()
-                    .map(|moved| {
-                        map_from_world
-                            .compose(moved)
-                            .compose(&gathering.world_from_query)
-                            .to_matrix()
-                    })
-                    .collect()
-            },
-            unobservable: if lost {
-                Vec::new()
-            } else {
-                labels.unobservable.iter().map(Into::into).collect()
-            },
+            overlap: (!lost).then_some(overlap),
+            ambiguous: !labels.alternatives.is_empty(),
+            alternatives: labels
+                .alternatives
+                .iter()
+                .map(|moved| {
+                    map_from_world
+                        .compose(moved)
+                        .compose(&gathering.world_from_query)
+                        .to_matrix()
+                })
+                .collect(),
+            unobservable: labels.unobservable.iter().map(Into::into).collect(),
             family,
             sensor: sensor_of(spec, i).map_or(String::new(), |s| s.0.name()),
             name,
@@ -440,7 +457,7 @@ impl Play<'_> {
             seconds: trajectory.seconds,
             spurious,
         };
-        Ok((made, labels.overlap))
+        Ok((made, overlap))
     }
 
     /// Scans along a trajectory, gathered where odometry believes it to be.

@@ -47,6 +47,13 @@ fn errors_name_place_line_and_key() {
         ("count = 3", "asks_in = \"two\"", &["two"]),
         ("name = \"dusty\"", "name = \"clean\"", &["clean"]),
         ("count = 3", "length = [50, 5]", &["length"]),
+        ("count = 3", "mapped_share = [0.5, 0.1]", &["mapped_share"]),
+        ("count = 3", "via = [[0.0, 0.0, 1.0]]", &["via"]),
+        (
+            "count = 3",
+            "through = [[0.0, 0.0, 1.0], [9e4, 0.0, 1.0]]",
+            &["60 km"],
+        ),
         ("count = 3", "sensors = []", &["sensors"]),
         ("world = {", "mesh = \"a.ply\"\nworld = {", &["mesh"]),
         ("[mine.map]", "[mine.mep]", &["mep"]),
@@ -212,6 +219,7 @@ fn lines_through_rock_and_walls_out_of_reach_are_errors() {
     for (line, words) in [
         ("[1.0, -90.0, 1.5]", "saw nothing"),
         ("[1.0, -3.0, 1.5], [3.0, 2.0, 1.5]", "meets rock"),
+        ("[1.0, 1.5, 1.5], [3.0, 1.5, 1.5]", "begins in the rock"),
     ] {
         let lost = TINY.replace("[1.0, -3.0, 1.5], [7.0, -3.0, 1.5]", line);
         let scenario = Scenario::parse(&lost, "lost").unwrap();

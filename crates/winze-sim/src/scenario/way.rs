@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 
 use winze::rng::Rng;
 
-use super::{MapSpec, Place};
+use super::{MapSpec, Place, QuerySpec};
 use crate::error::{Error, Result};
-use crate::free_space::FreeSpace;
+use crate::free_space::{self, FreeSpace};
 use crate::raycast::Caster;
 use crate::vec3::{add, distance, scale, sub};
 
@@ -14,8 +14,8 @@ use crate::vec3::{add, distance, scale, sub};
 const ATTEMPTS: usize = 80;
 /// A drive of the unmapped part keeps this far from the mapped one, metres.
 const MARGIN: f64 = 12.0;
-/// Share of a drive on the border that lies in the mapped part.
-const ON_BORDER: [f64; 2] = [0.1, 0.6];
+/// A drive of less than this share of the length that was asked for is taken only where none is longer.
+const LONG_ENOUGH: f64 = 0.8;
 
 /// Where the mapped part of a mine ends: across its longer side.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -93,11 +93,21 @@ pub(super) fn every_metre(free: &FreeSpace<'_>) -> Vec<[f64; 3]> {
     places
 }
 
-/// Refuses a line that a scenario gives where it meets a surface of the mine.
+/// Refuses a line that a scenario gives where it meets a surface of the mine, or where it begins in rock: there
+/// most surfaces in sight show their backs. `wound` tells whether the mesh's triangles are known to face the air.
 ///
 /// # Errors
 /// [`Error::NoFreeSpace`] with the place.
-pub(super) fn check(caster: &Caster, line: &[[f64; 3]]) -> Result<()> {
+pub(super) fn check(caster: &Caster, line: &[[f64; 3]], wound: bool) -> Result<()> {
+    if let Some(start) = line.first().filter(|_| wound) {
+        let (front, hits) = free_space::faces(caster, *start);
+        if hits > 0 && 2 * front < hits {
+            return Err(Error::NoFreeSpace(format!(
+                "through: the line begins in the rock, at {:.2}, {:.2}, {:.2}",
+                start[0], start[1], start[2]
+            )));
+        }
+    }
     for ends in line.windows(2) {
         let [a, b] = ends else { continue };
         let length = distance(*a, *b);
@@ -116,17 +126,32 @@ pub(super) fn check(caster: &Caster, line: &[[f64; 3]]) -> Result<()> {
     Ok(())
 }
 
-/// A drive of about `length` metres at a kind of place.
+/// The way past given places, from each to the next through free space.
+///
+/// # Errors
+/// [`Error::NoFreeSpace`] where the robot cannot be at one of them.
+pub(super) fn past(free: &FreeSpace<'_>, places: &[[f64; 3]]) -> Result<Vec<[f64; 3]>> {
+    let mut way: Vec<[f64; 3]> = Vec::new();
+    for ends in places.windows(2) {
+        let [from, to] = ends else { continue };
+        let leg = free.path(*from, *to)?;
+        way.extend(leg.iter().skip(usize::from(!way.is_empty())));
+    }
+    Ok(way)
+}
+
+/// A drive of about `length` metres at the kind of place that the queries ask for.
 ///
 /// # Errors
 /// [`Error::NoFreeSpace`] where none was found.
 pub(super) fn drive(
     free: &FreeSpace<'_>,
     border: Option<Border>,
-    place: Place,
+    spec: &QuerySpec,
     length: f64,
     rng: &mut Rng,
 ) -> Result<Vec<[f64; 3]>> {
+    let place = spec.place;
     let hopeful: Vec<[f64; 3]> = free
         .places()
         .iter()
@@ -134,22 +159,38 @@ pub(super) fn drive(
             let near = border.map_or(-1.0, |b| b.beyond(**p));
             match place {
                 Place::Mapped => near <= 0.0,
-                Place::Border => near.abs() <= length,
+                // As deep in the mapped part as the drive may begin there.
+                Place::Border => near <= 0.0 && -near <= spec.mapped_share[1] * length,
                 Place::Unmapped => near >= MARGIN,
             }
         })
         .copied()
         .collect();
     let count = u32::try_from(hopeful.len()).unwrap_or(u32::MAX);
+    let mut best: Option<(f64, Vec<[f64; 3]>)> = None;
     for _ in 0..ATTEMPTS {
         let start = if count > 0 { rng.below(count) } else { 0 };
         let Some(&from) = hopeful.get(start as usize) else {
             break;
         };
-        let way = free.wander(from, length, rng)?;
-        if border.is_none_or(|b| suits(&b, place, &way)) {
+        let mut way = free.wander(from, length, rng)?;
+        if place == Place::Border && rng.below(2) == 1 {
+            way.reverse();
+        }
+        if !border.is_none_or(|b| suits(&b, spec, &way)) {
+            continue;
+        }
+        let long = way_length(&way);
+        if long >= LONG_ENOUGH * length {
             return Ok(way);
         }
+        if best.as_ref().is_none_or(|(longest, _)| long > *longest) {
+            best = Some((long, way));
+        }
+    }
+    // The mine is too small for longer ones.
+    if let Some((_, way)) = best {
+        return Ok(way);
     }
     Err(Error::NoFreeSpace(format!(
         "no drive of {length:.0} m was found in the {} part of the mine in {ATTEMPTS} attempts; choose shorter ones, or another share that is left out of the map",
@@ -161,13 +202,23 @@ pub(super) fn drive(
     )))
 }
 
-fn suits(border: &Border, place: Place, way: &[[f64; 3]]) -> bool {
+/// Its length, metres.
+pub(super) fn way_length(way: &[[f64; 3]]) -> f64 {
+    way.windows(2)
+        .map(|w| match w {
+            [a, b] => distance(*a, *b),
+            _ => 0.0,
+        })
+        .sum()
+}
+
+fn suits(border: &Border, spec: &QuerySpec, way: &[[f64; 3]]) -> bool {
     let mapped = way.iter().filter(|p| border.mapped(**p)).count();
     #[expect(clippy::cast_precision_loss, reason = "a share")]
     let share = mapped as f64 / way.len().max(1) as f64;
-    match place {
+    match spec.place {
         Place::Mapped => share > 0.999,
-        Place::Border => (ON_BORDER[0]..=ON_BORDER[1]).contains(&share),
+        Place::Border => (spec.mapped_share[0]..=spec.mapped_share[1]).contains(&share),
         Place::Unmapped => way.iter().all(|p| border.beyond(*p) >= MARGIN),
     }
 }

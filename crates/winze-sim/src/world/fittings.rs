@@ -10,10 +10,11 @@ use winze::rng::Rng;
 use super::field::Field;
 use super::kinds::{Change, Fittings};
 use super::runs::{Run, Spot};
-use super::solids::{Solid, cross, unit};
+use super::solids::{Solid, unit};
 use super::vehicles;
 use crate::error::Result;
 use crate::mesh::{Material, Mesh, Part};
+use crate::vec3::{cross, distance};
 
 /// Kinds of fittings, in the order of their parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -233,7 +234,7 @@ impl Way<'_> {
                 let solid = bins.entry((Kind::WeldedMesh, rank >= had)).or_default();
                 let mut wire = |a: &Option<([f64; 3], [f64; 3])>, b: &Option<_>| {
                     if let (Some((p, n)), Some((q, _))) = (a, b)
-                        && super::plan::distance(*p, *q) < 1.0
+                        && distance(*p, *q) < 1.0
                     {
                         solid.strip(*p, *q, *n, 0.012);
                     }

@@ -215,5 +215,4 @@ fn refuse_too_large(area: f64, cell: f64) -> Result<()> {
 }
 
 #[cfg(test)]
-#[cfg(test)]
 mod tests;

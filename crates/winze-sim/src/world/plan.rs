@@ -2,6 +2,7 @@
 
 use super::rooms::RoomPlan;
 use super::slab::SlabPlan;
+use crate::vec3::distance;
 
 /// How a place lies to the planned walls.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -189,11 +190,6 @@ pub(super) fn mix(a: f64, b: f64, t: f64) -> f64 {
 /// `a` at 0, `b` at 1, exactly.
 pub(super) fn between(ends: &[[f64; 3]; 2], t: f64) -> [f64; 3] {
     std::array::from_fn(|a| ends[0][a] + t * (ends[1][a] - ends[0][a]))
-}
-
-pub(super) fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
-    let d: [f64; 3] = std::array::from_fn(|i| b[i] - a[i]);
-    (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt()
 }
 
 /// Distance outside (positive) or inside a rectangle of half sizes `half` with corners of `radius`.

@@ -1,6 +1,7 @@
 //! How settings are declared and checked.
 
-use crate::error::{Error, Result};
+use crate::error::Error;
+pub(super) use crate::error::within;
 
 /// A setting of the world that is refused.
 pub(super) fn refused(key: &str, why: String) -> Error {
@@ -8,17 +9,6 @@ pub(super) fn refused(key: &str, why: String) -> Error {
         key: format!("world.{key}"),
         why,
     }
-}
-
-/// Refuses a number outside its domain, NaN included.
-pub(super) fn within(key: &str, v: f64, low: f64, high: f64) -> Result<()> {
-    if v >= low && v <= high {
-        return Ok(());
-    }
-    Err(Error::Setting {
-        key: key.into(),
-        why: format!("must lie between {low} and {high}, is {v}"),
-    })
 }
 
 /// The numbers in a setting: one, or a range of two.

@@ -1,5 +1,7 @@
 //! Simple solids of triangles.
 
+use crate::vec3::{cross, norm, sub};
+
 /// Triangles of a part.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct Solid {
@@ -7,21 +9,9 @@ pub(super) struct Solid {
     pub(super) triangles: Vec<[u32; 3]>,
 }
 
-fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|i| a[i] - b[i])
-}
-
-pub(super) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
 /// The unit vector of `v`; up where it has no direction.
 pub(super) fn unit(v: [f64; 3]) -> [f64; 3] {
-    let n = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
+    let n = norm(v);
     if n > 1e-9 {
         v.map(|c| c / n)
     } else {
