@@ -164,9 +164,13 @@ pub(crate) struct Eval {
     /// Of those, only every N-th.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = stride)]
     pub(crate) every: usize,
+    /// Run all methods in one process, which does the work that they share once. Sooner done, but seconds and memory
+    /// are no method's own. With --paper, whose tables hold neither, it is always so.
+    #[arg(long)]
+    pub(crate) together: bool,
     /// Run so many methods at once, each on its share of the threads. Sooner done, but the seconds are those
-    /// of a busy machine; one after the other by default, with --paper as many as there are threads.
-    #[arg(long, value_name = "N", value_parser = stride)]
+    /// of a busy machine; one after the other by default.
+    #[arg(long, value_name = "N", value_parser = stride, conflicts_with_all = ["together", "paper"])]
     pub(crate) jobs: Option<usize>,
     /// Note each run in this file as it ends. Runs that it holds already, of the same cases and settings, are not
     /// made again: so a long evaluation goes on where it was cut short.

@@ -1,5 +1,5 @@
-//! A small picture of one answer, for a sheet of many: as the clouds came, where the query was
-//! found, and where it belongs; from above.
+//! A small picture of one answer, for a sheet of many: as the clouds came, then, from nearer, where the query was
+//! found and where it belongs; from above.
 
 use winze::{Cloud, Pose};
 
@@ -12,8 +12,11 @@ use crate::picture::{
 const PANEL_SIZE: usize = 300;
 const GAP: usize = 8;
 const TITLE: usize = 24;
-/// Points of each cloud drawn at most.
+/// Points of each cloud drawn at most, and points of a map that are looked through for them.
 const DRAWN: usize = 60_000;
+const LOOKED_AT: usize = 3_000_000;
+/// What is shown around a query, as a share of its size, and at least, metres.
+const AROUND: (f64, f64) = (0.25, 4.0);
 
 /// The picture as PNG bytes: before, found, true. A panel without a pose says so.
 ///
@@ -25,7 +28,7 @@ pub fn thumbnail(
     found: Option<&Pose>,
     truth: Option<&Pose>,
 ) -> Result<Vec<u8>, Error> {
-    let (map_points, raw) = (thin(map, DRAWN), thin(query, DRAWN));
+    let (map_points, raw) = (thin(map, LOOKED_AT), thin(query, DRAWN));
     let placed =
         |pose: &Pose| -> Vec<[f64; 3]> { raw.iter().map(|p| pose.transform(*p)).collect() };
     let apart = Apart::of(&map_points, &raw);
@@ -50,11 +53,16 @@ pub fn thumbnail(
         #[expect(clippy::cast_precision_loss, reason = "pixels")]
         let x = area.x as f32 + 4.0;
         canvas.text(x, 17.0, 16.0, INK, title);
-        let whole: Option<Frame> = join(map_frame, query.as_deref().and_then(frame));
-        match (whole, query) {
-            (Some(whole), Some(query)) => {
-                let scale = Scale::new(area, view, whole);
-                scale.draw(&mut canvas, &map_points, MAGENTA);
+        let own = query.as_deref().and_then(frame);
+        let shown = if i == 0 {
+            join(map_frame, own)
+        } else {
+            own.map(around)
+        };
+        match (shown, query) {
+            (Some(shown), Some(query)) => {
+                let scale = Scale::new(area, view, shown);
+                scale.draw(&mut canvas, &inside(&map_points, &shown, view), MAGENTA);
                 scale.draw(&mut canvas, query, GREEN);
             }
             #[expect(clippy::cast_precision_loss, reason = "pixels")]
@@ -64,6 +72,28 @@ pub fn thumbnail(
         }
     }
     canvas.to_png()
+}
+
+/// A frame with what lies around it.
+fn around(f: Frame) -> Frame {
+    let pad = (0..2).map(|a| AROUND.0 * (f.high[a] - f.low[a]));
+    let pad = pad.fold(AROUND.1, f64::max);
+    Frame {
+        low: f.low.map(|v| v - pad),
+        high: f.high.map(|v| v + pad),
+    }
+}
+
+/// The points that a view of a frame shows, and no more than are drawn.
+fn inside(points: &[[f64; 3]], shown: &Frame, view: View) -> Vec<[f64; 3]> {
+    let within = |p: &&[f64; 3]| {
+        [view.right, view.up]
+            .iter()
+            .all(|&a| p[a] >= shown.low[a] && p[a] <= shown.high[a])
+    };
+    let all: Vec<[f64; 3]> = points.iter().filter(within).copied().collect();
+    let step = all.len().div_ceil(DRAWN).max(1);
+    all.into_iter().step_by(step).collect()
 }
 
 #[cfg(test)]

@@ -10,11 +10,14 @@
 //! thinned surface with its normals, tree, descriptors and Gaussians.
 
 use std::borrow::Cow;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use rustc_hash::FxHashMap;
 
 use crate::cloud::Cloud;
 use crate::config::{
-    Config, FpfhConfig, IssConfig, MatchingConfig, NdtConfig, PrepareConfig, VerifyConfig,
+    Config, FpfhConfig, IcpConfig, IcpMetric, IssConfig, MatchingConfig, NdtConfig, PrepareConfig,
+    VerifyConfig,
 };
 use crate::features::{Features, describe};
 use crate::kdtree::KdTree;
@@ -23,6 +26,7 @@ use crate::metrics::{self, InlierMetrics};
 use crate::ndt::{self, NdtCells};
 use crate::pose::Pose;
 use crate::prepare::{Surface, limit_range, prepare};
+use crate::refine::Refined;
 use crate::scale::{self, Measure};
 
 /// Voxel sizes kept; with `auto`'s few tries on a ladder of sizes, queries of one kind share them.
@@ -65,6 +69,52 @@ pub(crate) struct QueryAt {
     features: Option<Features>,
     /// With the mark of the map they lead to.
     correspondences: Option<(Arc<()>, Vec<Correspondence>)>,
+    pub(crate) refinements: Refinements,
+}
+
+/// Where refiners led to on one map. Methods that start from the same poses share them.
+#[derive(Debug, Default)]
+pub(crate) struct Refinements {
+    /// The map's.
+    mark: Arc<()>,
+    known: Mutex<FxHashMap<(Refiner, [u64; 16]), Refined>>,
+}
+
+/// Which refiner; all else that it depends on is in [`Settings`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub(crate) enum Refiner {
+    Ndt,
+    Icp(IcpMetric),
+}
+
+/// Refinements kept; more are forgotten all at once.
+const MOST_REFINEMENTS: usize = 10_000;
+
+impl Refinements {
+    /// What `work` makes of a start, or made of it before.
+    pub(crate) fn get(
+        &self,
+        refiner: Refiner,
+        start: &Pose,
+        work: impl FnOnce() -> Refined,
+    ) -> Refined {
+        let mut bits = [0; 16];
+        for (slot, v) in bits.iter_mut().zip(start.to_matrix().iter().flatten()) {
+            *slot = v.to_bits();
+        }
+        let key = (refiner, bits);
+        let lock = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = lock().get(&key) {
+            return *known;
+        }
+        let refined = work();
+        let mut known = lock();
+        if known.len() >= MOST_REFINEMENTS {
+            known.clear();
+        }
+        known.insert(key, refined);
+        refined
+    }
 }
 
 /// The sections that what is kept depends on.
@@ -75,6 +125,7 @@ struct Settings {
     fpfh: FpfhConfig,
     matching: MatchingConfig,
     ndt: NdtConfig,
+    icp: IcpConfig,
 }
 
 impl Settings {
@@ -85,6 +136,7 @@ impl Settings {
             fpfh: config.fpfh.clone(),
             matching: config.matching.clone(),
             ndt: config.ndt.clone(),
+            icp: config.icp.clone(),
         }
     }
 }
@@ -223,6 +275,7 @@ impl<'a> KeptQuery<'a> {
             surface: prepare(limited, &config.prepare, voxel),
             features: None,
             correspondences: None,
+            refinements: Refinements::default(),
         })
     }
 }
@@ -243,6 +296,16 @@ impl MapAt {
 }
 
 impl QueryAt {
+    /// Forgets where refiners led to on any other map.
+    pub(crate) fn refine_on(&mut self, map: &MapAt) {
+        if !Arc::ptr_eq(&self.refinements.mark, &map.mark) {
+            self.refinements = Refinements {
+                mark: Arc::clone(&map.mark),
+                ..Refinements::default()
+            };
+        }
+    }
+
     pub(crate) fn describe(&mut self, config: &Config) -> &Features {
         self.features
             .get_or_insert_with(|| describe(&self.surface, config))

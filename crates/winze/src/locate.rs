@@ -14,7 +14,7 @@ use rayon::prelude::*;
 use crate::cloud::Cloud;
 use crate::config::{Config, IcpConfig, IcpMetric, Length, VerifyConfig};
 use crate::error::{Error, Result};
-use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt};
+use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt, Refiner};
 use crate::method::Method;
 use crate::ndt::NdtCells;
 use crate::outcome::{Outcome, RankedHypothesis, Stage, Verdict};
@@ -243,7 +243,8 @@ impl Run<'_> {
         } else {
             vec![request.initial.unwrap_or_default()]
         };
-        let mut candidates = self.refine(map_at, &query_at.surface, &starts, verify);
+        query_at.refine_on(map_at);
+        let mut candidates = self.refine(map_at, query_at, &starts, verify);
         let (map, query) = (&map_at.surface, &query_at.surface);
         let found = candidates.len();
         // Refinement may have led a pose away from what is known beforehand.
@@ -255,7 +256,7 @@ impl Run<'_> {
         }
         let (ranked, judgement) = match candidates[..] {
             [lead, _, ..] if request.method != Method::Auto => {
-                self.weigh_rivals(map, query, lead, &candidates, verify)
+                self.weigh_rivals(map, query_at, lead, &candidates, verify)
             }
             _ => self.stage("verify", candidates.len(), || {
                 let ranked = rank(candidates, query, verify, voxel);
@@ -276,18 +277,23 @@ impl Run<'_> {
     fn weigh_rivals(
         &mut self,
         map: &Surface,
-        query: &Surface,
+        query: &QueryAt,
         lead: Candidate,
         candidates: &[Candidate],
         verify: &VerifyConfig,
     ) -> (Vec<Candidate>, Judgement) {
+        let (query, known) = (&query.surface, &query.refinements);
         let icp_config = point_to_plane(&self.config.icp);
+        let refiner = Refiner::Icp(icp_config.metric);
         let candidate = |r: &Refined| candidate(r.map_from_query, Some(r.stop), map, query, verify);
         let mut refined = self.stage("refine rivals", candidates.len(), || {
             let refined: Vec<Candidate> = candidates
                 .par_iter()
                 .map(|c| {
-                    let after = candidate(&icp::align(map, query, &c.map_from_query, &icp_config));
+                    let refined = known.get(refiner, &c.map_from_query, || {
+                        icp::align(map, query, &c.map_from_query, &icp_config)
+                    });
+                    let after = candidate(&refined);
                     // A rival is owed what the lead got: its finer pose.
                     guarded(icp_config.keep_better, || *c, after)
                 })
@@ -359,11 +365,12 @@ impl Run<'_> {
     fn refine(
         &mut self,
         map: &mut MapAt,
-        query: &Surface,
+        query: &QueryAt,
         starts: &[Pose],
         verify: &VerifyConfig,
     ) -> Vec<Candidate> {
         let (config, method) = (self.config, self.request.method);
+        let (query, known) = (&query.surface, &query.refinements);
         let mut poses: Vec<(Pose, Option<StopReason>)> =
             starts.iter().map(|p| (*p, None)).collect();
         if poses.len() > verify.refined {
@@ -397,7 +404,9 @@ impl Run<'_> {
             let guard = config.ndt.keep_better && method != Method::Auto;
             self.stage("refine by NDT", poses.len(), || {
                 let refine = |(pose, stop): &(Pose, Option<StopReason>)| {
-                    let refined = ndt::align(levels, map, query, pose, &config.ndt);
+                    let refined = known.get(Refiner::Ndt, pose, || {
+                        ndt::align(levels, map, query, pose, &config.ndt)
+                    });
                     let after = candidate(refined.map_from_query, Some(refined.stop));
                     guarded(guard, || candidate(*pose, *stop), after)
                 };
@@ -428,7 +437,10 @@ impl Run<'_> {
                 if !hopeful {
                     return *c;
                 }
-                let refined = icp::align(map, query, &c.map_from_query, &icp_config);
+                let refiner = Refiner::Icp(icp_config.metric);
+                let refined = known.get(refiner, &c.map_from_query, || {
+                    icp::align(map, query, &c.map_from_query, &icp_config)
+                });
                 let polished = candidate(refined.map_from_query, Some(refined.stop));
                 guarded(icp_config.keep_better, || *c, polished)
             };

@@ -59,7 +59,12 @@ pub(crate) fn run(args: &Eval, global: &Global) -> anyhow::Result<ExitCode> {
         std::fs::create_dir_all(folder).with_context(|| format!("{at}: cannot be made"))?;
     }
     let methods = methods(args);
-    let share = shared_out(args, global, methods.len());
+    let groups: Vec<Vec<Method>> = if args.together || args.paper {
+        vec![methods]
+    } else {
+        methods.into_iter().map(|m| vec![m]).collect()
+    };
+    let share = shared_out(args, global, groups.len());
     let config_digest = config::digest(&config)?;
     let head = Head {
         winze: env!("CARGO_PKG_VERSION").to_owned(),
@@ -75,7 +80,7 @@ pub(crate) fn run(args: &Eval, global: &Global) -> anyhow::Result<ExitCode> {
         cases: &chosen,
         journal: journal.as_ref(),
     };
-    let (runs, costs, errors) = ask(&asked, &methods, share)?;
+    let (runs, costs, errors) = ask(&asked, &groups, share)?;
     let truths = chosen
         .iter()
         .map(Case::truth)
@@ -87,6 +92,7 @@ pub(crate) fn run(args: &Eval, global: &Global) -> anyhow::Result<ExitCode> {
         config_digest,
         seeds: seeds(args, config.seed),
         jobs: share.0,
+        together: groups.iter().any(|g| g.len() > 1),
         threads: share.1,
         labels: labels(with_truth.map(|(c, truth)| Labelled {
             family: &c.family,
@@ -199,25 +205,32 @@ impl Asked<'_> {
         seeds
     }
 
-    /// One method on all cases.
+    /// One process' methods on all cases.
     fn one(
         &self,
         first: bool,
-        method: Method,
+        methods: &[Method],
         threads: usize,
         progress: &Progress,
     ) -> anyhow::Result<(Vec<Run>, MethodCost, Vec<Trouble>)> {
-        progress.say(&format!("{method}: read"));
-        let name = method.name();
-        let seeds = self.seeds_of(method);
+        progress.say("read");
+        let asked: Vec<(String, Vec<u64>)> = methods
+            .iter()
+            .map(|m| (m.name().to_owned(), self.seeds_of(*m)))
+            .collect();
+        let name = workers::cost_name(&asked);
         let (mut runs, mut errors): (Vec<Run>, Vec<Trouble>) = Default::default();
         let mut left = Vec::new();
         for case in self.cases {
-            let known = self.journal.and_then(|j| j.runs(name, &case.name, &seeds));
-            match known {
+            let all = |journal: &Journal| -> Option<Vec<Vec<Run>>> {
+                let of =
+                    |(method, seeds): &(String, Vec<u64>)| journal.runs(method, &case.name, seeds);
+                asked.iter().map(of).collect()
+            };
+            match self.journal.and_then(all) {
                 Some(known) => {
-                    for run in known {
-                        progress.step(&format!("{method}: {}", case.name));
+                    for run in known.into_iter().flatten() {
+                        progress.step(&case.name);
                         runs.push(run);
                     }
                 }
@@ -225,11 +238,14 @@ impl Asked<'_> {
             }
         }
         let job = Job {
-            method: name.to_owned(),
+            methods: asked.clone(),
             config: self.config.clone(),
-            seeds: seeds.clone(),
-            keep_query: self.args.paper,
-            figures: self.args.figures.clone().filter(|_| method == FIGURES),
+            keep_query: methods.len() > 1,
+            figures: self
+                .args
+                .figures
+                .clone()
+                .map(|folder| (FIGURES.name().to_owned(), folder)),
             cases: by_map(&left),
         };
         let mut noted = Ok(());
@@ -243,22 +259,31 @@ impl Asked<'_> {
         let cost = workers::work(job, self.global, threads, quiet, |said| match said {
             Said::Run(mut run) => {
                 if let Some(case) = self.cases.iter().find(|c| c.name == run.case) {
-                    run.again = again(self.args, self.global, case, method, run.seed);
+                    run.again = again(self.args, self.global, case, &run.method, run.seed);
                 }
-                progress.step(&format!("{method}: {}", run.case));
+                progress.step(&format!("{}: {}", run.method, run.case));
                 note(&|journal| journal.run(&run));
                 runs.push(*run);
             }
-            Said::Trouble { case, message } => errors.push(Trouble {
+            Said::Trouble {
                 case,
-                method: name.to_owned(),
+                method,
                 message,
-            }),
-            Said::Map { cost, peak } => note(&|journal| journal.map(name, &cost, peak)),
+            } => errors.extend(
+                asked
+                    .iter()
+                    .filter(|(m, _)| method.as_ref().is_none_or(|own| own == m))
+                    .map(|(m, _)| Trouble {
+                        case: case.clone(),
+                        method: m.clone(),
+                        message: message.clone(),
+                    }),
+            ),
+            Said::Map { cost, peak } => note(&|journal| journal.map(&name, &cost, peak)),
             Said::Over { .. } => {}
         })?;
         noted?;
-        let earlier = self.journal.and_then(|j| j.cost(name)).cloned();
+        let earlier = self.journal.and_then(|j| j.cost(&name)).cloned();
         let cost = earlier.map_or(cost.clone(), |mut earlier| {
             earlier.peak_memory_bytes = earlier.peak_memory_bytes.max(cost.peak_memory_bytes);
             earlier.maps.extend(cost.maps);
@@ -266,28 +291,30 @@ impl Asked<'_> {
             earlier
         });
         // What broke off stays in every denominator.
-        for case in self.cases {
-            let Some(trouble) = errors.iter().find(|e| e.case == case.name) else {
+        for trouble in &errors {
+            let case = self.cases.iter().find(|c| c.name == trouble.case);
+            let own = asked.iter().find(|(m, _)| *m == trouble.method);
+            let (Some(case), Some((method, seeds))) = (case, own) else {
                 continue;
             };
             let truth = case.truth()?;
-            for &seed in &seeds {
-                if !runs.iter().any(|r| r.case == case.name && r.seed == seed) {
+            for &seed in seeds {
+                let is = |r: &Run| r.case == case.name && r.method == *method && r.seed == seed;
+                if !runs.iter().any(is) {
+                    let (name, family) = (&case.name, &case.family);
                     let why = &trouble.message;
-                    runs.push(Run::broken(
-                        &case.name,
-                        &case.family,
-                        name,
-                        seed,
-                        &truth,
-                        why,
-                    ));
-                    progress.step(&format!("{method}: {}", case.name));
+                    runs.push(Run::broken(name, family, method, seed, &truth, why));
+                    progress.step(name);
                 }
             }
         }
-        // The order of the file again; seeds stay in theirs.
-        runs.sort_by_key(|r| self.cases.iter().position(|c| c.name == r.case));
+        // Methods one after the other, each in the order of the file; seeds stay in theirs.
+        runs.sort_by_key(|r| {
+            (
+                asked.iter().position(|(m, _)| *m == r.method),
+                self.cases.iter().position(|c| c.name == r.case),
+            )
+        });
         Ok((runs, cost, errors))
     }
 }
@@ -296,11 +323,12 @@ impl Asked<'_> {
 /// seconds are those of a machine with nothing else to do.
 fn ask(
     asked: &Asked<'_>,
-    methods: &[Method],
+    groups: &[Vec<Method>],
     (jobs, threads): (usize, usize),
 ) -> anyhow::Result<(Vec<Run>, Vec<MethodCost>, Vec<Trouble>)> {
-    let total: usize = methods
+    let total: usize = groups
         .iter()
+        .flatten()
         .map(|m| asked.seeds_of(*m).len() * asked.cases.len())
         .sum();
     let progress = Progress::counted(asked.global.quiet, total);
@@ -311,10 +339,10 @@ fn ask(
             scope.spawn(|| {
                 loop {
                     let i = next.fetch_add(1, Ordering::Relaxed);
-                    let Some(&method) = methods.get(i) else {
+                    let Some(group) = groups.get(i) else {
                         return;
                     };
-                    let answer = asked.one(i == 0, method, threads, &progress);
+                    let answer = asked.one(i == 0, group, threads, &progress);
                     let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
                     found.push((i, answer));
                 }
@@ -335,14 +363,12 @@ fn ask(
 }
 
 /// How many methods run at once, and on how many threads each.
-fn shared_out(args: &Eval, global: &Global, methods: usize) -> (usize, usize) {
+fn shared_out(args: &Eval, global: &Global, processes: usize) -> (usize, usize) {
     let all = match global.threads {
         0 => std::thread::available_parallelism().map_or(1, usize::from),
         n => n,
     };
-    // The paper's tables hold no seconds.
-    let jobs = args.jobs.unwrap_or(if args.paper { all } else { 1 });
-    let jobs = jobs.clamp(1, methods.max(1));
+    let jobs = args.jobs.unwrap_or(1).clamp(1, processes.max(1));
     if jobs == 1 {
         return (1, global.threads);
     }
@@ -374,7 +400,7 @@ fn write(
         atomic::write_bytes(path, evaluation.to_json().as_bytes())?;
     }
     if let Some(path) = &args.report {
-        let page = sheet::page(evaluation, chosen, global)?;
+        let page = sheet::page(evaluation, chosen, args.figures.as_deref(), global)?;
         atomic::write_bytes(path, page.as_bytes())?;
     }
     let text = text(evaluation);
@@ -397,7 +423,7 @@ fn text(e: &Evaluation) -> String {
         let _ = writeln!(out, "{}", label_table(&e.labels).to_text());
         let _ = writeln!(out, "{}", answers(&e.summaries).to_text());
         let _ = writeln!(out, "{}", accuracy(&e.summaries).to_text());
-        out += "error: of right poses, across what is unobservable; all: of every pose of a query that is in the map.\n";
+        out += "m and °: errors of right poses, across what is unobservable; all m: of every pose of a query in the map.\n";
     }
     let _ = write!(out, "\n{}", costs(&e.costs).to_text());
     if e.jobs > 1 {
@@ -406,6 +432,10 @@ fn text(e: &Evaluation) -> String {
             "\nSeconds were taken with {} methods running at once.",
             e.jobs
         );
+    }
+    if e.together && e.paper.is_none() {
+        out +=
+            "\nMethods shared one process: their seconds leave out what another had done before.\n";
     }
     if e.seeds.len() > 1 && e.paper.is_none() {
         let _ = writeln!(
@@ -417,7 +447,7 @@ fn text(e: &Evaluation) -> String {
 }
 
 /// Command lines that give one run again: as it was judged, and by `locate`.
-fn again(args: &Eval, global: &Global, case: &Case, method: Method, seed: u64) -> Vec<String> {
+fn again(args: &Eval, global: &Global, case: &Case, method: &str, seed: u64) -> Vec<String> {
     let mut settings = format!(" --method {method} --seed {seed}");
     if let Some(path) = &global.config {
         let _ = write!(

@@ -1,10 +1,13 @@
 //! The failures as pictures, for the page.
 
+use std::path::{Path, PathBuf};
+
 use winze::Pose;
 use winze_report::evaluation::{Class, Evaluation, Exhibit, Run};
 use winze_report::{evaluation_page, thumbnail};
 
 use super::cases::Case;
+use super::worker::figure_name;
 use crate::args::Global;
 use crate::locate::read;
 use crate::progress::Progress;
@@ -16,6 +19,7 @@ const MOST: usize = 36;
 pub(super) fn page(
     evaluation: &Evaluation,
     chosen: &[Case],
+    figures: Option<&Path>,
     global: &Global,
 ) -> anyhow::Result<String> {
     let failures = failures(&evaluation.runs);
@@ -47,14 +51,21 @@ pub(super) fn page(
     progress.finish();
     exhibits.sort_by_key(|(i, _)| *i);
     let exhibits: Vec<Exhibit<'_>> = exhibits.into_iter().map(|(_, e)| e).collect();
-    Ok(evaluation_page(evaluation, &exhibits, failures.len()))
+    let drawn = |case: &Case| {
+        let png = std::fs::read(figures?.join(figure_name(&case.name))).ok()?;
+        Some((case.name.clone(), png))
+    };
+    let figures: Vec<(String, Vec<u8>)> = chosen.iter().filter_map(drawn).collect();
+    Ok(evaluation_page(
+        evaluation,
+        &exhibits,
+        failures.len(),
+        &figures,
+    ))
 }
 
 /// A file that has gone since it was evaluated costs its picture, not the page.
-fn read_again(
-    case: &Case,
-    path: impl Fn(&Case) -> &std::path::PathBuf,
-) -> Option<winze_io::CloudFile> {
+fn read_again(case: &Case, path: impl Fn(&Case) -> &PathBuf) -> Option<winze_io::CloudFile> {
     read(path(case))
         .inspect_err(|e| tracing::warn!("no picture of {}: {e:#}", case.name))
         .ok()

@@ -1,4 +1,4 @@
-//! One method over all cases, in a process of its own, so that its memory is its own.
+//! One method over all cases, in a process of its own, so that its memory is its own; or several, which share work.
 //!
 //! The job comes as JSON on stdin, what is found goes as one JSON line each to stdout.
 
@@ -19,14 +19,14 @@ use crate::locate::read;
 /// What a worker is to do.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct Job {
-    /// The method's name.
-    pub(super) method: String,
+    /// The methods' names, each with its seeds.
+    pub(super) methods: Vec<(String, Vec<u64>)>,
     pub(super) config: Config,
-    pub(super) seeds: Vec<u64>,
-    /// Keep the work on a query from seed to seed: sooner done, but the seconds are too few.
+    /// Keep the work on a query from seed to seed and from method to method: sooner done, but the seconds are too
+    /// few.
     pub(super) keep_query: bool,
-    /// Folder for a picture of each case, before and after.
-    pub(super) figures: Option<PathBuf>,
+    /// Folder for a picture of each case, before and after one of the methods.
+    pub(super) figures: Option<(String, PathBuf)>,
     /// Cases on one map stand together.
     pub(super) cases: Vec<Case>,
 }
@@ -37,8 +37,12 @@ pub(super) struct Job {
 pub(super) enum Said {
     /// One run is over.
     Run(Box<Run>),
-    /// A case gives no answer.
-    Trouble { case: String, message: String },
+    /// A case gives no answer by a method, or by any.
+    Trouble {
+        case: String,
+        method: Option<String>,
+        message: String,
+    },
     /// All runs of a case are over; with the most memory held so far, bytes.
     Over { case: String, peak: Option<u64> },
     /// All cases of a map are over; with the most memory held so far, bytes.
@@ -47,14 +51,18 @@ pub(super) enum Said {
 
 pub(crate) fn run() -> anyhow::Result<ExitCode> {
     let job: Job = serde_json::from_reader(io::stdin().lock()).context("eval-worker: its job")?;
-    let method: Method = job.method.parse().map_err(anyhow::Error::msg)?;
+    let parsed = job.methods.iter().map(|(name, seeds)| {
+        let method: Method = name.parse().map_err(anyhow::Error::msg)?;
+        Ok((method, seeds.as_slice()))
+    });
+    let methods: Vec<(Method, &[u64])> = parsed.collect::<anyhow::Result<_>>()?;
     for cases in job.cases.chunk_by(|a, b| a.map == b.map) {
         let begun = Instant::now();
         let map = match cases.first().map(|c| read(&c.map)) {
             Some(Ok(map)) => map,
             Some(Err(e)) => {
                 for case in cases {
-                    trouble(case, &e)?;
+                    trouble(case, None, &e)?;
                     over(case)?;
                 }
                 continue;
@@ -71,12 +79,12 @@ pub(crate) fn run() -> anyhow::Result<ExitCode> {
         };
         let mut kept = KeptMap::new(&map.cloud);
         for case in cases {
-            if let Err(e) = answer(&job, method, case, &mut kept, &mut cost) {
+            if let Err(e) = answer(&job, &methods, case, &mut kept, &mut cost) {
                 // Nobody listens any more.
                 if crate::output::is_broken_pipe(&e) {
                     return Err(e);
                 }
-                trouble(case, &e)?;
+                trouble(case, None, &e)?;
             }
             over(case)?;
         }
@@ -88,47 +96,58 @@ pub(crate) fn run() -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-/// All seeds of one case.
+/// All methods and seeds on one case.
 fn answer(
     job: &Job,
-    method: Method,
+    methods: &[(Method, &[u64])],
     case: &Case,
     map: &mut KeptMap<'_>,
     cost: &mut MapCost,
 ) -> anyhow::Result<()> {
     let truth = case.truth()?;
     let query = read(&case.query)?;
-    let request = Request {
-        method,
-        gravity_aligned: case.gravity_aligned,
-        ..Request::default()
-    };
-    let mut ceiling = None;
+    let ceiling = truth.truth.as_ref().map(|pose| {
+        let metrics = map.inliers(&query.cloud, pose, &job.config.verify);
+        Inliers {
+            fraction: metrics.fraction,
+            rmse: metrics.rmse,
+        }
+    });
     let mut kept = KeptQuery::new(&query.cloud);
-    for (i, &seed) in job.seeds.iter().enumerate() {
-        if !job.keep_query {
-            kept = KeptQuery::new(&query.cloud);
-        }
-        let config = Config {
-            seed,
-            ..job.config.clone()
+    let mut asked = false;
+    for (method, seeds) in methods {
+        let request = Request {
+            method: *method,
+            gravity_aligned: case.gravity_aligned,
+            ..Request::default()
         };
-        let outcome = locate_in(map, &mut kept, &config, &request)?;
-        cost.work_seconds += outcome.map_seconds;
-        if let Some(pose) = truth.truth.as_ref().filter(|_| i == 0) {
-            ceiling = Some(map.inliers(&query.cloud, pose, &job.config.verify));
-        }
-        let mut run = judged(case, &truth, &query, &outcome);
-        run.query_kept = job.keep_query && i > 0;
-        run.ceiling = ceiling.map(|c| Inliers {
-            fraction: c.fraction,
-            rmse: c.rmse,
-        });
-        say(&Said::Run(Box::new(run)))?;
-        if let Some(folder) = job.figures.as_deref().filter(|_| i == 0)
-            && let Err(e) = figure(folder, case, map, &query, &outcome)
-        {
-            tracing::warn!("{}: no picture: {e:#}", case.name);
+        for (i, &seed) in seeds.iter().enumerate() {
+            if !job.keep_query {
+                kept = KeptQuery::new(&query.cloud);
+            }
+            let config = Config {
+                seed,
+                ..job.config.clone()
+            };
+            let outcome = match locate_in(map, &mut kept, &config, &request) {
+                Ok(outcome) => outcome,
+                Err(e) => {
+                    trouble(case, Some(*method), &e.into())?;
+                    break;
+                }
+            };
+            cost.work_seconds += outcome.map_seconds;
+            let mut run = judged(case, &truth, &query, &outcome);
+            run.query_kept = job.keep_query && asked;
+            run.ceiling = ceiling;
+            asked = true;
+            say(&Said::Run(Box::new(run)))?;
+            let figures = job.figures.as_ref().filter(|_| i == 0);
+            if let Some((_, folder)) = figures.filter(|(of, _)| of == method.name())
+                && let Err(e) = figure(folder, case, map, &query, &outcome)
+            {
+                tracing::warn!("{}: no picture: {e:#}", case.name);
+            }
         }
     }
     Ok(())
@@ -175,13 +194,21 @@ fn figure(
     outcome: &Outcome,
 ) -> anyhow::Result<()> {
     let png = winze_report::before_and_after(map.cloud(), &query.cloud, outcome)?;
-    let name = case.name.replace(['/', '\\', ':'], "_");
-    Ok(atomic::write_bytes(&folder.join(name + ".png"), &png)?)
+    Ok(atomic::write_bytes(
+        &folder.join(figure_name(&case.name)),
+        &png,
+    )?)
 }
 
-fn trouble(case: &Case, e: &anyhow::Error) -> anyhow::Result<()> {
+/// The file of a case's picture.
+pub(super) fn figure_name(case: &str) -> String {
+    case.replace(['/', '\\', ':'], "_") + ".png"
+}
+
+fn trouble(case: &Case, method: Option<Method>, e: &anyhow::Error) -> anyhow::Result<()> {
     say(&Said::Trouble {
         case: case.name.clone(),
+        method: method.map(|m| m.name().to_owned()),
         message: format!("{e:#}").replace('\n', " "),
     })
 }

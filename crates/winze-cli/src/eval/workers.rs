@@ -37,7 +37,7 @@ pub(super) fn work(
     mut heard: impl FnMut(Said),
 ) -> anyhow::Result<MethodCost> {
     let mut cost = MethodCost {
-        method: job.method.clone(),
+        method: cost_name(&job.methods),
         ..MethodCost::default()
     };
     while !job.cases.is_empty() {
@@ -69,12 +69,21 @@ pub(super) fn work(
                 cost.errors += 1;
                 heard(Said::Trouble {
                     case,
+                    method: None,
                     message: format!("the process that ran it ended: {how}"),
                 });
             }
         }
     }
     Ok(cost)
+}
+
+/// The method, or how many there are.
+pub(super) fn cost_name(methods: &[(String, Vec<u64>)]) -> String {
+    match methods {
+        [(one, _)] => one.clone(),
+        several => format!("{} together", several.len()),
+    }
 }
 
 /// One worker from beginning to end; how it died, where it did.

@@ -107,6 +107,8 @@ pub struct Evaluation {
     pub seeds: Vec<u64>,
     /// Methods that ran at once: where more than one, seconds are those of a busy machine.
     pub jobs: usize,
+    /// Methods ran in one process and shared work: seconds and memory are no method's own.
+    pub together: bool,
     /// Threads of each; 0 for all.
     pub threads: usize,
     /// Shares of the labels, per family and over all (family null).

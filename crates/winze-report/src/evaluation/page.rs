@@ -25,12 +25,13 @@ pub struct Exhibit<'a> {
 }
 
 /// The whole page: tables, then the failures, the worst first. `failures` is how many there were, of which
-/// the exhibits show some.
+/// the exhibits show some. `figures` are pictures to show beside the paper's tables, with their names.
 #[must_use]
 pub fn evaluation_page(
     evaluation: &Evaluation,
     exhibits: &[Exhibit<'_>],
     failures: usize,
+    figures: &[(String, Vec<u8>)],
 ) -> String {
     let e = evaluation;
     let mut out = String::new();
@@ -45,10 +46,15 @@ pub fn evaluation_page(
         escape(&e.config_digest)
     );
     if let Some(paper) = &e.paper {
+        let _ = write!(out, "<h2>The paper's tables</h2>{}", paper.to_html());
+    }
+    for (name, png) in figures {
         let _ = write!(
             out,
-            "<h2>The paper's tables</h2><pre>{}</pre>",
-            escape(&paper.to_markdown())
+            "<figure><figcaption><b>{}</b>, before and after</figcaption>\
+             <img alt=\"before and after\" loading=\"lazy\" src=\"data:image/png;base64,{}\"></figure>",
+            escape(name),
+            STANDARD.encode(png)
         );
     }
     let parts = [
@@ -84,7 +90,7 @@ pub fn evaluation_page(
     let _ = write!(
         out,
         "<h2>Failures</h2><p>{} of {failures} shown: wrong accepts first, then wrong poses, then refusals. \
-         The map in magenta, the query in green, from above.</p>",
+         The map in magenta, the query in green, from above; after the first panel only what lies around the query.</p>",
         exhibits.len()
     );
     for exhibit in exhibits {
@@ -100,7 +106,7 @@ const ANSWERS: &str = "Recall: located within the case's tolerance, of the cases
      independent.";
 const ACCURACY: &str = "Errors are those of the query's centroid, over the runs whose pose is right, across what is \
      unobservable. Inliers and RMSE are the paper's, medians over all runs with a pose. Seconds are an answer's, the map at hand, \
-     files read.";
+     files read. All: displacement over every pose of a query that is in the map, right or wrong.";
 
 fn figure(out: &mut String, exhibit: &Exhibit<'_>) {
     let run = exhibit.run;
@@ -144,6 +150,7 @@ mod tests {
         let runs = vec![wrong];
         let evaluation = Evaluation {
             jobs: 1,
+            together: false,
             threads: 0,
             winze: "0",
             command: "winze eval x".into(),
@@ -160,7 +167,7 @@ mod tests {
             run: &runs[0],
             png: vec![1, 2, 3],
         };
-        let page = evaluation_page(&evaluation, &[exhibit], 1);
+        let page = evaluation_page(&evaluation, &[exhibit], 1, &[]);
         for part in [
             "1 of 1 shown",
             "wrong accept",

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::tables::decimal;
 use super::{Inliers, Run};
+use crate::page::escape;
 use crate::table::Table;
 
 /// The clouds by the names of their cases, and as a table calls them.
@@ -192,21 +193,68 @@ impl Paper {
     /// Everything as Markdown.
     #[must_use]
     pub fn to_markdown(&self) -> String {
-        let mut out = String::new();
+        let mut out = self.note().replace("{code}", "`");
+        out += "\n\n";
+        for (title, table) in self.tables() {
+            let _ = writeln!(out, "**{title}**\n\n{}", table.to_markdown());
+        }
+        let _ = writeln!(out, "{}\n", self.at_ceiling_head().replace("{code}", "`"));
+        for line in self.at_ceiling_lines() {
+            let _ = writeln!(out, "- {line}");
+        }
+        out
+    }
+
+    /// Everything as HTML.
+    #[must_use]
+    pub fn to_html(&self) -> String {
+        let plain = |text: &str| escape(&text.replace("{code}", ""));
+        let mut out = format!("<p>{}</p>", plain(&self.note()));
+        for (title, table) in self.tables() {
+            let _ = write!(out, "<h3>{}</h3>{}", escape(title), table.to_html());
+        }
+        let _ = write!(out, "<p>{}</p><ul>", plain(&self.at_ceiling_head()));
+        for line in self.at_ceiling_lines() {
+            let _ = write!(out, "<li>{}</li>", escape(&line));
+        }
+        out + "</ul>"
+    }
+
+    fn note(&self) -> String {
         let seeds = self.cells.iter().map(|c| c.seeds).max().unwrap_or(0);
-        let _ = writeln!(
-            out,
-            "Medians over {seeds} seed{}, in brackets what the paper printed for its own clouds. `ndt+icp` starts \
-             from the identity and draws nothing at random: one run. The ceiling is the same metric at the true pose. \
-             A seed without a pose counts as the worst there is. A refiner is not followed where it leaves a pose less finely \
-             on the map; `--set ndt.keep_better=false --set icp.keep_better=false` runs the paper's bare chains.\n",
+        format!(
+            "Medians over {seeds} seed{}, in brackets what the paper printed for its own clouds (its \"simulation mine\" is \
+             the coal wall here). {{code}}ndt+icp{{code}} starts from the identity and draws nothing at random: one run. The \
+             ceiling is the same metric at the true pose. A seed without a pose counts as the worst there is. A refiner is \
+             not followed where it leaves a pose less finely on the map; \
+             {{code}}--set ndt.keep_better=false --set icp.keep_better=false{{code}} runs the paper's bare chains.",
             if seeds == 1 { "" } else { "s" }
-        );
+        )
+    }
+
+    fn at_ceiling_head(&self) -> String {
+        format!(
+            "The full chain {{code}}{CHAIN}{{code}} within 1 percentage point and 10 % RMSE of the ceiling:"
+        )
+    }
+
+    fn at_ceiling_lines(&self) -> impl Iterator<Item = String> + '_ {
+        self.cells.iter().filter(|c| c.method == CHAIN).map(|c| {
+            format!(
+                "{}: in {} of {} seeds",
+                title(&c.cloud),
+                c.at_ceiling,
+                c.seeds
+            )
+        })
+    }
+
+    fn tables(&self) -> [(&'static str, Table); 6] {
         let both = |ours: Option<f64>, paper: Option<f64>, digits| match paper {
             Some(paper) => format!("{} ({paper:.digits$})", decimal(ours, digits)),
             None => decimal(ours, digits),
         };
-        let tables = [
+        [
             (
                 "Inlier RMSE, metres",
                 self.table(
@@ -237,24 +285,7 @@ impl Paper {
                 "Believed though wrong (wrong accepts), of all seeds",
                 self.table(&|c| format!("{}/{}", c.wrong_accepts, c.seeds), None),
             ),
-        ];
-        for (title, table) in tables {
-            let _ = writeln!(out, "**{title}**\n\n{}", table.to_markdown());
-        }
-        let _ = writeln!(
-            out,
-            "The full chain `{CHAIN}` within 1 percentage point and 10 % RMSE of the ceiling:\n"
-        );
-        for c in self.cells.iter().filter(|c| c.method == CHAIN) {
-            let _ = writeln!(
-                out,
-                "- {}: in {} of {} seeds",
-                title(&c.cloud),
-                c.at_ceiling,
-                c.seeds
-            );
-        }
-        out
+        ]
     }
 
     fn table(

@@ -74,11 +74,12 @@ fn other_settings_and_other_maps_are_not_confused() {
     let other = cloud(&drift(12_000, 16.0, 0.4, 0.01, 3));
     let (mut one, mut two) = (KeptMap::new(&map), KeptMap::new(&other));
     let mut kept = KeptQuery::new(&query);
-    let (plain, mut changed) = (quick(0), quick(0));
+    let (plain, mut changed, mut icp) = (quick(0), quick(0), quick(0));
     changed.fpfh.radius = crate::config::Length::Voxels(5.0);
     changed.prepare.max_range = 46.0;
+    icp.icp.max_iterations = 2;
     let request = Request::default();
-    for config in [&plain, &changed, &plain] {
+    for config in [&plain, &changed, &plain, &icp] {
         for (cloud, kept_map) in [(&map, &mut one), (&other, &mut two)] {
             let alone = locate_by(cloud, &query, config, &request).unwrap();
             let within = locate_in(kept_map, &mut kept, config, &request).unwrap();
