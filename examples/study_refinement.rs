@@ -97,6 +97,10 @@ impl Prepared<'_> {
         }
     }
 
+    fn keep_better(&self, before: Candidate, after: Candidate, config: &Config) -> Candidate {
+        keep_better(self.map, &self.query, before, after, &config.verify)
+    }
+
     fn ndt(&self, start: &Pose, config: &Config) -> Pose {
         ndt::align(self.levels, self.map, &self.query, start, &config.ndt).map_from_query
     }
@@ -196,7 +200,7 @@ fn chain(table: &mut Table, p: &Prepared<'_>, by_ndt: &Pose, config: &Config) {
     for (name, icp) in refiners(config) {
         let after = p.candidate(p.icp(by_ndt, &icp), config);
         table.add(name, p.miss(&after.map_from_query));
-        let kept = keep_better(before, after);
+        let kept = p.keep_better(before, after, config);
         table.add(&format!("{name}, guarded"), p.miss(&kept.map_from_query));
     }
 }
@@ -282,7 +286,7 @@ fn pair(table: &mut Table, p: &Prepared<'_>, side: &MapSide, config: &Config) {
             );
             let name = format!("{chain} {metric}");
             table.add(&name, p.miss(&after.map_from_query));
-            let kept = keep_better(before, after).map_from_query;
+            let kept = p.keep_better(before, after, config).map_from_query;
             table.add(&format!("{name}, guarded"), p.miss(&kept));
         }
     }

@@ -285,7 +285,7 @@ impl<'a> Folder<'a> {
             (_, None) => String::new(),
         };
         if made.spurious > 0.005 {
-            note += &format!(", dust {}", share(made.spurious));
+            note += &format!(", stray {}", share(made.spurious));
         }
         if case.bend_rms_m > 0.0 {
             note += &format!(", bend {:.2} m", case.bend_rms_m);

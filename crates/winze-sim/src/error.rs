@@ -57,6 +57,20 @@ pub enum Error {
     Winze(#[from] winze::Error),
 }
 
+impl Error {
+    /// The same, with the place in a scenario that it comes from.
+    pub(crate) fn within(self, place: &str) -> Self {
+        match self {
+            Self::Setting { key, why } => Self::Setting {
+                key: format!("{place}: {key}"),
+                why,
+            },
+            Self::NoFreeSpace(why) => Self::NoFreeSpace(format!("{place}: {why}")),
+            other => other,
+        }
+    }
+}
+
 /// Refuses a number outside its domain, NaN included.
 pub(crate) fn within(key: &str, value: f64, low: f64, high: f64) -> Result<()> {
     if value >= low && value <= high {

@@ -295,7 +295,7 @@ impl Run<'_> {
                     });
                     let after = candidate(&refined);
                     // A rival is owed what the lead got: its finer pose.
-                    guarded(icp_config.keep_better, || *c, after)
+                    guarded(icp_config.keep_better, || *c, after, map, query, verify)
                 })
                 .collect();
             let n = refined.len();
@@ -408,7 +408,7 @@ impl Run<'_> {
                         ndt::align(levels, map, query, pose, &config.ndt)
                     });
                     let after = candidate(refined.map_from_query, Some(refined.stop));
-                    guarded(guard, || candidate(*pose, *stop), after)
+                    guarded(guard, || candidate(*pose, *stop), after, map, query, verify)
                 };
                 let refined: Vec<Candidate> = poses.par_iter().map(refine).collect();
                 let n = refined.len();
@@ -442,7 +442,7 @@ impl Run<'_> {
                     icp::align(map, query, &c.map_from_query, &icp_config)
                 });
                 let polished = candidate(refined.map_from_query, Some(refined.stop));
-                guarded(icp_config.keep_better, || *c, polished)
+                guarded(icp_config.keep_better, || *c, polished, map, query, verify)
             };
             let polished = candidates.par_iter().zip(&hopeful).map(polish).collect();
             (polished, hopeful.iter().filter(|h| **h).count())
@@ -530,9 +530,16 @@ impl Run<'_> {
 }
 
 /// What a refiner led to, or, where a `guard` is set, the finer of that and what it began with.
-fn guarded(guard: bool, before: impl FnOnce() -> Candidate, after: Candidate) -> Candidate {
+fn guarded(
+    guard: bool,
+    before: impl FnOnce() -> Candidate,
+    after: Candidate,
+    map: &Surface,
+    query: &Surface,
+    verify: &VerifyConfig,
+) -> Candidate {
     if guard {
-        keep_better(before(), after)
+        keep_better(map, query, before(), after, verify)
     } else {
         after
     }

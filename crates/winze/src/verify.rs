@@ -72,18 +72,23 @@ impl Judgement {
     }
 }
 
-/// Measures how `query` lies on `map` at `map_from_query`, at no more than
-/// [`VerifyConfig::max_points`] of its points.
-#[must_use]
-pub fn fit(map: &Surface, query: &Surface, map_from_query: &Pose, config: &VerifyConfig) -> Fit {
+/// A query point's distance from the nearest point of the map and from its tangent plane; `None` where there is none
+/// within reach.
+type Residual = Option<(f64, f64)>;
+
+/// Residuals of the points that are looked at.
+fn residuals(
+    map: &Surface,
+    query: &Surface,
+    map_from_query: &Pose,
+    config: &VerifyConfig,
+) -> Vec<Residual> {
     let chosen = sample(&query.points, config.max_points);
     let pose = map_from_query.between_origins(map.origin, query.origin);
     let overlap = config.overlap_distance.metres(map.voxel);
-    let tolerance = config.fine_tolerance.metres(map.voxel);
     #[expect(clippy::cast_possible_truncation, reason = "metres")]
     let radius = overlap.max(config.inlier_distance) as f32;
-    // (distance to the nearest point, distance to its tangent plane)
-    let residuals: Vec<Option<(f64, f64)>> = parallel::map_with(
+    parallel::map_with(
         chosen.len(),
         || (),
         |(), i| {
@@ -104,9 +109,50 @@ pub fn fit(map: &Surface, query: &Surface, map_from_query: &Pose, config: &Verif
             let distance = f64::from(near.distance_squared).sqrt();
             Some((distance, if n == [0.0; 3] { distance } else { out.abs() }))
         },
-    );
+    )
+}
+
+/// What a point adds to [`Fit::bounded_residual`].
+fn bounded(residual: &Residual, overlap: f64, most: f64) -> f64 {
+    match residual {
+        Some((distance, plane)) if *distance <= overlap => plane.min(most),
+        _ => most,
+    }
+}
+
+/// How much more finely the query lies on the map at pose `after` than at pose `before`, on average over its points
+/// ([`Fit::bounded_residual`]), metres, and the standard error of that, were the points independent.
+#[must_use]
+pub fn gain(
+    map: &Surface,
+    query: &Surface,
+    (before, after): (&Pose, &Pose),
+    config: &VerifyConfig,
+) -> (f64, f64) {
+    let overlap = config.overlap_distance.metres(map.voxel);
+    let most = 2.0 * config.fine_tolerance.metres(map.voxel);
+    let at = |pose| residuals(map, query, pose, config);
+    let gains: Vec<f64> = at(before)
+        .iter()
+        .zip(&at(after))
+        .map(|(b, a)| bounded(b, overlap, most) - bounded(a, overlap, most))
+        .collect();
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let n = gains.len().max(1) as f64;
+    let mean = gains.iter().sum::<f64>() / n;
+    let square: f64 = gains.iter().map(|g| (g - mean) * (g - mean)).sum();
+    (mean, (square / n).sqrt() / n.sqrt())
+}
+
+/// Measures how `query` lies on `map` at `map_from_query`, at no more than
+/// [`VerifyConfig::max_points`] of its points.
+#[must_use]
+pub fn fit(map: &Surface, query: &Surface, map_from_query: &Pose, config: &VerifyConfig) -> Fit {
+    let residuals = residuals(map, query, map_from_query, config);
+    let overlap = config.overlap_distance.metres(map.voxel);
+    let tolerance = config.fine_tolerance.metres(map.voxel);
     #[expect(clippy::cast_precision_loss, reason = "counts")]
-    let share = |count: usize| count as f64 / chosen.len().max(1) as f64;
+    let share = |count: usize| count as f64 / residuals.len().max(1) as f64;
     let mut planes: Vec<f64> = residuals
         .iter()
         .flatten()
@@ -120,13 +166,12 @@ pub fn fit(map: &Surface, query: &Surface, map_from_query: &Pose, config: &Verif
         .count();
     let fine = planes.iter().filter(|r| **r <= tolerance).count();
     let most = 2.0 * tolerance;
-    let apart = chosen.len().saturating_sub(planes.len());
+    let bounded: f64 = residuals.iter().map(|r| bounded(r, overlap, most)).sum();
     #[expect(clippy::cast_precision_loss, reason = "counts")]
-    let bounded_residual = if chosen.is_empty() {
+    let bounded_residual = if residuals.is_empty() {
         most
     } else {
-        let near: f64 = planes.iter().map(|r| r.min(most)).sum();
-        (near + most * apart as f64) / chosen.len() as f64
+        bounded / residuals.len() as f64
     };
     let median_point_to_plane = if planes.is_empty() {
         f64::INFINITY

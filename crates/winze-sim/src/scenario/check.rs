@@ -86,7 +86,7 @@ impl Scenario {
 
 fn check_mine(key: &str, mine: &Mine) -> Result<()> {
     match (&mine.world, &mine.mesh) {
-        (Some(world), None) => world.validate()?,
+        (Some(world), None) => world.validate().map_err(|e| e.within(key))?,
         (None, Some(_)) => {}
         _ => return Err(refused(key, "give world or mesh, one of them")),
     }
@@ -99,9 +99,9 @@ fn check_mine(key: &str, mine: &Mine) -> Result<()> {
 }
 
 fn check_map(key: &str, map: &MapSpec) -> Result<()> {
-    map.sensor.0.validate()?;
+    map.sensor.0.validate().map_err(|e| e.within(key))?;
     map.motion.validate(&format!("{key}.motion"))?;
-    map.dust.validate()?;
+    map.dust.validate().map_err(|e| e.within(key))?;
     within(&format!("{key}.spacing"), map.spacing, 1.0, 1000.0)?;
     within(&format!("{key}.voxel"), map.voxel, 0.005, 5.0)?;
     within(&format!("{key}.leave_out"), map.leave_out, 0.0, 0.9)?;
@@ -124,12 +124,12 @@ fn check_query(key: &str, query: &QuerySpec) -> Result<()> {
         return Err(refused(&format!("{key}.sensors"), "there is none"));
     }
     for sensor in &query.sensors {
-        sensor.0.validate()?;
+        sensor.0.validate().map_err(|e| e.within(key))?;
     }
     query.motion.validate(&format!("{key}.motion"))?;
-    query.dust.validate()?;
+    query.dust.validate().map_err(|e| e.within(key))?;
     if let Some(change) = &query.change {
-        change.validate()?;
+        change.validate().map_err(|e| e.within(key))?;
     }
     let drift = &query.drift;
     for (name, value) in [

@@ -153,10 +153,13 @@ impl Play<'_> {
             mesh: caster.mesh(),
             read,
         })?;
-        let first = self.session(mine, &caster)?;
+        let name = format!("mine \"{}\"", mine.name);
+        let first = self.session(mine, &caster).map_err(|e| e.within(&name))?;
         let mapped = match &mine.map {
             Some(spec) => {
-                let (mapped, cloud, way, scans) = self.map(mine, spec, &first)?;
+                let (mapped, cloud, way, scans) = self
+                    .map(mine, spec, &first)
+                    .map_err(|e| e.within(&format!("mine \"{}\", map", mine.name)))?;
                 each(Made::Map(MadeMap {
                     mine: &mine.name,
                     cloud: &cloud,
@@ -181,7 +184,10 @@ impl Play<'_> {
                 })?;
             }
             let later = match &changed {
-                Some(caster) => Some(self.session(mine, caster)?),
+                Some(caster) => Some(
+                    self.session(mine, caster)
+                        .map_err(|e| e.within(&query_name(mine, spec)))?,
+                ),
                 None => None,
             };
             let session = later.as_ref().unwrap_or(&first);
@@ -304,10 +310,9 @@ impl Play<'_> {
             }
         }
         if gathered.is_empty() {
-            return Err(Error::NoFreeSpace(format!(
-                "mine \"{}\": the survey saw nothing; its sensor may reach no wall, or its lines may lie in the rock",
-                mine.name
-            )));
+            return Err(Error::NoFreeSpace(
+                "the survey saw nothing; its sensor may reach no wall, or its lines may lie in the rock".into(),
+            ));
         }
         let map_from_world = Pose::from_translation(spec.origin);
         let cloud = gathered.cloud(&map_from_world, spec.intensity)?;
@@ -331,15 +336,16 @@ impl Play<'_> {
     ) -> Result<MadeQuery> {
         // A sensor may see from the unmapped part into the mapped one: then another drive is tried.
         for draw in 1..=DRAWS {
-            let (made, overlap) = self.draw(mine, spec, i, draw, session, mapped)?;
+            let (made, overlap) = self
+                .draw(mine, spec, i, draw, session, mapped)
+                .map_err(|e| e.within(&query_name(mine, spec)))?;
             if spec.place != Place::Unmapped || overlap <= UNSEEN {
                 return Ok(made);
             }
         }
-        Err(Error::NoFreeSpace(format!(
-            "mine \"{}\", query \"{}\": from the unmapped part mapped surface is always in sight; leave more out of the map",
-            mine.name, spec.name
-        )))
+        let why =
+            "from the unmapped part mapped surface is always in sight; leave more out of the map";
+        Err(Error::NoFreeSpace(why.into()).within(&query_name(mine, spec)))
     }
 
     /// One try at a query, with its overlap.
@@ -496,6 +502,10 @@ impl Play<'_> {
         }
         gatherer.finish(spec.intensity)
     }
+}
+
+fn query_name(mine: &Mine, spec: &QuerySpec) -> String {
+    format!("mine \"{}\", query \"{}\"", mine.name, spec.name)
 }
 
 fn sensor_of(spec: &QuerySpec, i: usize) -> Option<&crate::sensor::SensorSpec> {

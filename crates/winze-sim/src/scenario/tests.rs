@@ -39,6 +39,7 @@ fn errors_name_place_line_and_key() {
             &["small.toml", "cuont", "line 11"][..],
         ),
         ("extinction", "extintion", &["extintion"]),
+        ("0.1 }", "-0.1 }", &["one", "dusty", "extinction"]),
         ("cell = 0.3", "cel = 0.3", &["cel"]),
         ("\"vlp16\" }, {", "\"vlp17\" }, {", &["vlp17"]),
         ("count = 3", "count = -3", &["count"]),
