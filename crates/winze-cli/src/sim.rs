@@ -42,7 +42,12 @@ pub(crate) fn run(args: &Sim, global: &Global) -> anyhow::Result<ExitCode> {
     let progress = Progress::new(global.quiet, scenario.cases() as u64);
     let mut folder = Folder::new(&making, &scenario, !args.no_mesh);
     let told = |step: Step<'_>| progress.at(step.what, step.done as u64);
-    scenario::simulate(&scenario, seed, &told, |made| folder.take(made))?;
+    let played = scenario::simulate(&scenario, seed, &told, |made| folder.take(made));
+    if let Err(e) = played {
+        // It can be large, and is of no use; if it cannot be deleted, the next run will.
+        let _ = std::fs::remove_dir_all(&making);
+        return Err(e);
+    }
     progress.say("contact sheets");
     let sheets = folder.sheets()?;
     let cases = Cases {
@@ -214,7 +219,7 @@ impl<'a> Folder<'a> {
                 mesh,
                 read,
             } => {
-                let name = later.map_or(mine.to_owned(), |later| format!("{mine}_{later}"));
+                let name = later.map_or(mine.to_owned(), |later| format!("{mine}+{later}"));
                 tracing::info!("{name}: {} triangles", mesh.triangles().len());
                 if let Some(note) = read.and_then(|read| note(mine, &read)) {
                     talk(&note);

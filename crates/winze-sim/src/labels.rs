@@ -351,6 +351,7 @@ fn alternatives(
         .map(|o| o.direction)
         .collect();
     let few = evenly(judged, 400);
+    let few_at_truth = map.fit(&few, &Pose::identity());
     // Not another place: the same one, or where it can slide to, all the way explained as well. What looks the
     // same further along, with something else between, is another.
     let same = |a: &Pose, b: &Pose| {
@@ -359,8 +360,9 @@ fn alternatives(
         }
         let d = sub(a.transform(centre), b.transform(centre));
         let mut slide = [0.0; 3];
-        for s in &slides {
-            let along = dot(d, *s);
+        // The directions are those at the truth; another place may lie turned to it.
+        for s in slides.iter().map(|s| b.rotate(*s)) {
+            let along = dot(d, s);
             slide = std::array::from_fn(|i| slide[i] + along * s[i]);
         }
         let off = norm(sub(d, slide));
@@ -379,7 +381,7 @@ fn alternatives(
         (1..steps).all(|step| {
             let part = f64::from(step) / f64::from(steps);
             let shift = Pose::from_translation(slide.map(|v| part * v));
-            map.fit(&few, &shift.compose(b)).rivals(at_truth)
+            map.fit(&few, &shift.compose(b)).rivals(&few_at_truth)
         })
     };
     let settled = |starts: &[Pose], (points, steps): (usize, usize), judges: &[Witness]| {

@@ -21,7 +21,7 @@ pub enum StopReason {
     Degenerate,
     /// No step along the search direction improved the score.
     NoImprovement,
-    /// It led to a pose that lies less finely on the map than the one it began with, which was kept.
+    /// It gained no more than noise gives on the pose that it began with, which was kept.
     NoBetter,
 }
 
@@ -33,7 +33,7 @@ impl std::fmt::Display for StopReason {
             Self::TooFewPairs => "too few query points near the map",
             Self::Degenerate => "no direction could be solved for",
             Self::NoImprovement => "no step improved the score",
-            Self::NoBetter => "it was finer before, and that pose was kept",
+            Self::NoBetter => "nothing gained, and the earlier pose was kept",
         })
     }
 }

@@ -282,13 +282,27 @@ impl Asked<'_> {
             Said::Map { cost, peak } => note(&|journal| journal.map(&name, &cost, peak)),
             Said::Over { .. } => {}
         })?;
-        noted?;
+        if let Err(e) = noted {
+            // The tables do not depend on it.
+            talk(&format!(
+                "winze: note: {e:#}; runs are not noted any more\n"
+            ));
+        }
         let earlier = self.journal.and_then(|j| j.cost(&name)).cloned();
         let cost = earlier.map_or(cost.clone(), |mut earlier| {
             earlier.peak_memory_bytes = earlier.peak_memory_bytes.max(cost.peak_memory_bytes);
             earlier.maps.extend(cost.maps);
             earlier.errors = cost.errors;
             earlier
+        });
+        // Where a process that ran several died, those that had answered are in no trouble.
+        errors.retain(|e| {
+            let own = asked.iter().find(|(m, _)| *m == e.method);
+            let answered = |seed: &u64| {
+                let is = |r: &Run| r.case == e.case && r.method == e.method && r.seed == *seed;
+                runs.iter().any(is)
+            };
+            !own.is_some_and(|(_, seeds)| seeds.iter().all(answered))
         });
         // What broke off stays in every denominator.
         for trouble in &errors {
@@ -303,7 +317,11 @@ impl Asked<'_> {
                 if !runs.iter().any(is) {
                     let (name, family) = (&case.name, &case.family);
                     let why = &trouble.message;
-                    runs.push(Run::broken(name, family, method, seed, &truth, why));
+                    runs.push(Run {
+                        sensor: case.sensor.clone(),
+                        overlap: case.overlap,
+                        ..Run::broken(name, family, method, seed, &truth, why)
+                    });
                     progress.step(name);
                 }
             }
@@ -434,8 +452,7 @@ fn text(e: &Evaluation) -> String {
         );
     }
     if e.together && e.paper.is_none() {
-        out +=
-            "\nMethods shared one process: their seconds leave out what another had done before.\n";
+        out += "\nMethods shared one process and its work: seconds are told of the first alone.\n";
     }
     if e.seeds.len() > 1 && e.paper.is_none() {
         let _ = writeln!(

@@ -67,7 +67,7 @@ pub fn evaluation_page(
         ("Accuracy and time", ACCURACY, accuracy(&e.summaries)),
         (
             "Maps and memory",
-            "Each method in a process of its own; a map that several cases share is prepared once.",
+            if e.together { TOGETHER } else { APART },
             costs(&e.costs),
         ),
     ];
@@ -104,6 +104,10 @@ const ANSWERS: &str = "Recall: located within the case's tolerance, of the cases
      does not hold the query. Refused: not answered though an answer was there to be had. Right: the right thing said. \
      Pose right: the best pose is within tolerance, whatever the verdict. Wilson 95 % intervals, which take runs as \
      independent.";
+const APART: &str =
+    "Each method in a process of its own; a map that several cases share is prepared once.";
+const TOGETHER: &str = "All methods in one process, which does the work that they share once: seconds are \
+     told of the first alone, memory is that of all.";
 const ACCURACY: &str = "Errors are those of the query's centroid, over the runs whose pose is right, across what is \
      unobservable. Inliers and RMSE are the paper's, medians over all runs with a pose. Seconds are an answer's, the map at hand, \
      files read. All: displacement over every pose of a query that is in the map, right or wrong.";

@@ -226,7 +226,7 @@ impl Paper {
             "Medians over {seeds} seed{}, in brackets what the paper printed for its own clouds (its \"simulation mine\" is \
              the coal wall here). {{code}}ndt+icp{{code}} starts from the identity and draws nothing at random: one run. The \
              ceiling is the same metric at the true pose. A seed without a pose counts as the worst there is. A refiner is \
-             not followed where it leaves a pose less finely on the map; \
+             followed only where it gains more than noise gives; \
              {{code}}--set ndt.keep_better=false --set icp.keep_better=false{{code}} runs the paper's bare chains.",
             if seeds == 1 { "" } else { "s" }
         )

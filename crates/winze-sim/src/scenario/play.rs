@@ -241,7 +241,7 @@ impl Play<'_> {
 
     /// Looks for room in a mine, unless all its drives are given.
     fn session<'c>(&self, mine: &Mine, caster: &'c Caster) -> Result<Session<'c>> {
-        let led = |q: &QuerySpec| q.through.is_some() && q.via.is_none();
+        let led = |q: &QuerySpec| q.through.is_some();
         let mapped_by_hand = mine.map.as_ref().is_none_or(|m| m.through.is_some());
         let free = if mapped_by_hand && mine.queries.iter().all(led) {
             None

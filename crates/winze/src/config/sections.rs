@@ -148,7 +148,7 @@ section! {
         min_pairs: usize = 20, Any;
         /// Iterations at each cell size.
         max_iterations: usize = 30, Between(1.0, 1e6);
-        /// In the paper's methods, a pose that NDT leaves less finely on the map than it was is not followed
+        /// In the paper's methods, NDT is followed only where the pose gains more than noise gives
         /// (`auto` weighs many places instead).
         keep_better: bool = true, Any;
         /// Ends when a step is shorter than this, metres,
@@ -185,8 +185,8 @@ section! {
         translation_epsilon: f64 = 0.0005, NonNegative;
         /// and turns less than this, radians.
         rotation_epsilon: f64 = 0.00005, NonNegative;
-        /// Keep the pose it began with where that lies more finely on the map's surface; `false`
-        /// runs the paper's bare chain.
+        /// Keep the pose it began with unless the query then lies more finely on the map, by more than noise gives;
+        /// `false` runs the paper's bare chain.
         keep_better: bool = true, Any;
     }
 }
