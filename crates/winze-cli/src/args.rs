@@ -173,7 +173,8 @@ pub(crate) struct Eval {
     #[arg(long, value_name = "N", value_parser = stride, conflicts_with_all = ["together", "paper"])]
     pub(crate) jobs: Option<usize>,
     /// Note each run in this file as it ends. Runs that it holds already, of the same cases and settings, are not
-    /// made again: so a long evaluation goes on where it was cut short.
+    /// made again: so a long evaluation goes on where it was cut short. It does not know whether maps, queries or the
+    /// program itself have changed since.
     #[arg(long, value_name = "FILE", conflicts_with = "figures")]
     pub(crate) journal: Option<PathBuf>,
     /// Write everything, every run included, as JSON; `-` for stdout, the tables then go to stderr.

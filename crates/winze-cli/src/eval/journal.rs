@@ -19,6 +19,11 @@ pub(super) struct Head {
     pub(super) winze: String,
     pub(super) config_digest: String,
     pub(super) cases_digest: String,
+    /// Methods share a process: seconds are not those of methods apart.
+    pub(super) together: bool,
+    /// Processes at once, and threads of each.
+    pub(super) jobs: usize,
+    pub(super) threads: usize,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -108,8 +113,10 @@ impl Journal {
                             "another case file"
                         } else if own.config_digest != head.config_digest {
                             "other settings"
-                        } else {
+                        } else if own.winze != head.winze {
                             "another version"
+                        } else {
+                            "methods run otherwise (--together, --jobs, --threads)"
                         }
                     );
                 }

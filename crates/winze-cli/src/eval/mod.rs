@@ -70,6 +70,9 @@ pub(crate) fn run(args: &Eval, global: &Global) -> anyhow::Result<ExitCode> {
         winze: env!("CARGO_PKG_VERSION").to_owned(),
         config_digest: config_digest.clone(),
         cases_digest,
+        together: groups.iter().any(|g| g.len() > 1),
+        jobs: share.0,
+        threads: share.1,
     };
     let journal = args.journal.as_deref();
     let journal = journal.map(|path| Journal::open(path, &head)).transpose()?;

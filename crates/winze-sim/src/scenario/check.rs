@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::way::way_length;
-use super::{MapSpec, Mine, Place, QuerySpec, Scenario};
+use super::{MapSpec, Mine, Place, QuerySpec, Scenario, mapped_share};
 use crate::error::{Error, Result, within};
 
 /// As far from the origin as a mesh can lie, metres.
@@ -146,6 +146,12 @@ fn check_query(key: &str, query: &QuerySpec) -> Result<()> {
     let [least, most] = query.mapped_share;
     within(&format!("{key}.mapped_share"), most, 0.0, 1.0)?;
     within(&format!("{key}.mapped_share"), least, 0.0, most)?;
+    if query.place != Place::Border && query.mapped_share != mapped_share() {
+        return Err(refused(
+            &format!("{key}.mapped_share"),
+            "only drives on the border have one; set place = \"border\"",
+        ));
+    }
     one_way(key, query.through.is_some(), query.via.as_ref())?;
     within(&format!("{key}.voxel"), query.voxel, 0.005, 5.0)?;
     within(&format!("{key}.away"), query.away, 0.0, 1e7)?;

@@ -49,6 +49,7 @@ fn errors_name_place_line_and_key() {
         ("name = \"dusty\"", "name = \"clean\"", &["clean"]),
         ("count = 3", "length = [50, 5]", &["length"]),
         ("count = 3", "mapped_share = [0.5, 0.1]", &["mapped_share"]),
+        ("count = 3", "mapped_share = [0.1, 0.2]", &["border"]),
         ("count = 3", "via = [[0.0, 0.0, 1.0]]", &["via"]),
         (
             "count = 3",
