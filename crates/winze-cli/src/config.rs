@@ -4,7 +4,6 @@ use std::fmt::Write as _;
 use std::process::ExitCode;
 
 use anyhow::{Context as _, anyhow, bail};
-use sha2::{Digest as _, Sha256};
 use winze::Config;
 
 use crate::args::Global;
@@ -87,11 +86,7 @@ fn set(table: &mut toml::Table, setting: &str) -> anyhow::Result<()> {
 /// A digest of every setting, the seed included.
 pub(crate) fn digest(config: &Config) -> anyhow::Result<String> {
     let text = serde_json::to_string(config).context("the settings cannot be written down")?;
-    let hash = Sha256::digest(text.as_bytes());
-    Ok(hash.iter().fold(String::from("sha256:"), |mut s, b| {
-        let _ = write!(s, "{b:02x}");
-        s
-    }))
+    Ok(winze_io::digest(text.as_bytes()))
 }
 
 pub(crate) fn run(global: &Global) -> anyhow::Result<ExitCode> {

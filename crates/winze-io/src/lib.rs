@@ -44,7 +44,9 @@ mod write;
 
 pub use error::{Error, Place, Result};
 pub use format::{Encoding, Format};
-pub use read::{CloudFile, NoReturns, ReadOptions, ReadReport, read_cloud, read_cloud_bytes};
+pub use read::{
+    CloudFile, NoReturns, ReadOptions, ReadReport, digest, read_cloud, read_cloud_bytes,
+};
 pub use trajectory::write_trajectory;
 pub use transform::{read_transform, read_transform_bytes, write_transform};
 pub use write::{WriteOptions, WriteReport, write_cloud, write_cloud_bytes};

@@ -232,7 +232,9 @@ fn drop_no_returns(raw: &mut Raw, rule: NoReturns) -> usize {
     zeros
 }
 
-fn digest(bytes: &[u8]) -> String {
+/// A digest of bytes, with the name of its kind.
+#[must_use]
+pub fn digest(bytes: &[u8]) -> String {
     use std::fmt::Write as _;
     let mut text = String::from("sha256:");
     for byte in Sha256::digest(bytes) {

@@ -59,7 +59,7 @@ pub enum Error {
 
 impl Error {
     /// The same, with the place in a scenario that it comes from.
-    pub(crate) fn within(self, place: &str) -> Self {
+    pub(crate) fn at(self, place: &str) -> Self {
         match self {
             Self::Setting { key, why } => Self::Setting {
                 key: format!("{place}: {key}"),

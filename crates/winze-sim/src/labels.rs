@@ -14,9 +14,9 @@ use winze::Pose;
 use winze::kdtree::KdTree;
 use winze::rng::Rng;
 use winze::solve::System;
+use winze::vec3::{cross, distance, dot, norm, sub, voxel_of};
 
 use crate::sensor::{Return, ReturnOrigin};
-use crate::vec3::{cross, distance, dot, norm, sub};
 
 /// Mapped surface this near to a true point of the query is overlap, metres.
 pub const REACH: f64 = 0.25;
@@ -84,11 +84,7 @@ impl SeenSurface {
             return;
         };
         let point = world_from_sensor.transform(truth);
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "mines are smaller than 2^63 voxels"
-        )]
-        let key = point.map(|v| (v / WITNESS_VOXEL).floor() as i64);
+        let key = voxel_of(point, WITNESS_VOXEL);
         self.cells.entry(key).or_insert_with(|| Witness {
             point,
             normal: r.normal,

@@ -26,7 +26,6 @@ pub mod scenario;
 pub mod scene;
 pub mod sensor;
 pub mod survey;
-mod vec3;
 pub mod world;
 
 pub use error::{Error, Result};

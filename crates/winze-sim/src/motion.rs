@@ -3,10 +3,10 @@
 use serde::{Deserialize, Serialize};
 use winze::Pose;
 use winze::rng::Rng;
+use winze::vec3::distance;
 
 use crate::error::{Error, Result};
 use crate::noise;
-use crate::vec3::distance;
 
 /// How a robot moves and carries its sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -11,10 +11,10 @@ use parry3d::bounding_volume::Aabb;
 use parry3d::math::Vector;
 use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode};
 use parry3d::query::Ray;
+use winze::vec3::{add, cross, dot, norm, scale, sub};
 
 use crate::error::{Error, Result};
 use crate::mesh::Mesh;
-use crate::vec3::{add, cross, dot, norm, scale, sub};
 
 /// Where a ray meets the mesh first.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,6 +2,7 @@
 
 use rustc_hash::FxHashMap;
 use winze::fit::fit_rigid;
+use winze::vec3::voxel_of;
 use winze::{Cloud, Pose};
 
 use crate::error::Result;
@@ -37,21 +38,12 @@ impl Gathered {
 
     /// Adds a point.
     pub fn add(&mut self, point: [f64; 3], intensity: f32) {
-        let cell = self.cells.entry(self.key(point)).or_default();
+        let cell = self.cells.entry(voxel_of(point, self.voxel)).or_default();
         for (s, v) in cell.sum.iter_mut().zip(point) {
             *s += v;
         }
         cell.intensity += f64::from(intensity);
         cell.count += 1;
-    }
-
-    /// The voxel that a point lies in.
-    fn key(&self, point: [f64; 3]) -> [i64; 3] {
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "mines are smaller than 2^63 voxels"
-        )]
-        point.map(|v| (v / self.voxel).floor() as i64)
     }
 
     /// Voxels that hold something.
@@ -160,7 +152,10 @@ impl QueryGatherer {
             }
             if self.bent {
                 let truth = world_from_sensor.transform(point);
-                let pair = self.pairs.entry(self.gathered.key(placed)).or_default();
+                let pair = self
+                    .pairs
+                    .entry(voxel_of(placed, self.gathered.voxel))
+                    .or_default();
                 for a in 0..3 {
                     pair.placed[a] += placed[a];
                     pair.truth[a] += truth[a];

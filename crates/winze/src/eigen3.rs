@@ -6,6 +6,7 @@
 //! Jacobi rotations, which always give an orthonormal basis.
 
 use crate::symmetric::{eigen, rotation};
+use crate::vec3::{add, cross, dot, scale};
 
 /// Eigenvalues in ascending order and their unit eigenvectors (`vectors[i]` belongs to `values[i]`),
 /// a right-handed basis.
@@ -101,20 +102,20 @@ fn basis_from(
     if norms[best] < 1e-20 {
         return None;
     }
-    let w = scaled(crosses[best], 1.0 / norms[best].sqrt());
+    let w = scale(crosses[best], 1.0 / norms[best].sqrt());
     // Any orthonormal u, v across w.
     let u = if w[0].abs() > w[1].abs() {
-        scaled([-w[2], 0.0, w[0]], 1.0 / (w[0] * w[0] + w[2] * w[2]).sqrt())
+        scale([-w[2], 0.0, w[0]], 1.0 / (w[0] * w[0] + w[2] * w[2]).sqrt())
     } else {
-        scaled([0.0, w[2], -w[1]], 1.0 / (w[1] * w[1] + w[2] * w[2]).sqrt())
+        scale([0.0, w[2], -w[1]], 1.0 / (w[1] * w[1] + w[2] * w[2]).sqrt())
     };
     let v = cross(w, u);
     let (au, av) = (times(a, u), times(a, v));
     let (uu, uv, vv) = (dot(u, au), dot(u, av), dot(v, av));
     // One Jacobi rotation solves the 2×2 problem exactly.
     let (c, s) = rotation(uu, uv, vv);
-    let first = add(scaled(u, c), scaled(v, -s));
-    let second = add(scaled(u, s), scaled(v, c));
+    let first = add(scale(u, c), scale(v, -s));
+    let second = add(scale(u, s), scale(v, c));
     let rayleigh = |x: [f64; 3]| dot(x, times(a, x));
     let (mut p, mut q) = ((rayleigh(first), first), (rayleigh(second), second));
     if p.0 > q.0 {
@@ -127,7 +128,7 @@ fn basis_from(
 
 fn right_handed(mut v: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
     if dot(cross(v[0], v[1]), v[2]) < 0.0 {
-        v[2] = scaled(v[2], -1.0);
+        v[2] = scale(v[2], -1.0);
     }
     v
 }
@@ -138,26 +139,6 @@ pub(crate) fn times(a: &Symmetric3, v: [f64; 3]) -> [f64; 3] {
         a[1] * v[0] + a[3] * v[1] + a[4] * v[2],
         a[2] * v[0] + a[4] * v[1] + a[5] * v[2],
     ]
-}
-
-pub(crate) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn scaled(a: [f64; 3], s: f64) -> [f64; 3] {
-    a.map(|v| v * s)
-}
-
-fn add(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
 #[cfg(test)]

@@ -93,6 +93,7 @@ pub mod solve;
 mod symmetric;
 #[cfg(test)]
 mod test_world;
+pub mod vec3;
 pub mod verify;
 pub mod voxel;
 

@@ -9,7 +9,7 @@ use winze::Pose;
 use winze::degeneracy::DirectionKind;
 use winze_report::evaluation::{Case as Truth, Direction, Tolerance};
 
-use super::journal::digest;
+use winze_io::digest;
 
 /// One case as the file holds it, its paths made to count from where the program runs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -10,7 +10,6 @@ use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context as _, bail};
 use serde::{Deserialize, Serialize};
-use sha2::{Digest as _, Sha256};
 use winze_report::evaluation::{MapCost, MethodCost, Run};
 
 /// What all runs of a journal have in common.
@@ -44,14 +43,6 @@ pub(super) struct Journal {
     file: Mutex<File>,
     runs: HashMap<(String, String), Vec<Run>>,
     costs: HashMap<String, MethodCost>,
-}
-
-/// A digest of a case file's bytes.
-pub(super) fn digest(bytes: &[u8]) -> String {
-    Sha256::digest(bytes)
-        .iter()
-        .map(|b| format!("{b:02x}"))
-        .collect()
 }
 
 impl Journal {

@@ -1,6 +1,8 @@
 //! `winze eval`: methods over cases, the tables.
 
+mod ask;
 mod cases;
+mod commands;
 mod journal;
 mod sheet;
 mod worker;
@@ -9,24 +11,21 @@ mod workers;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context as _, bail};
-use winze::{Config, Method};
+use winze::Method;
 use winze_io::atomic;
 use winze_report::evaluation::{
-    CLOUDS, Evaluation, Labelled, MethodCost, Paper, Run, Trouble, accuracy, answers, costs,
-    label_table, labels, summaries,
+    CLOUDS, Evaluation, Labelled, Paper, accuracy, answers, costs, label_table, labels, summaries,
 };
 
 use crate::args::{Eval, Global};
 use crate::config;
 use crate::output::{check_outputs, print, talk};
-use crate::progress::Progress;
+use ask::{Asked, ask, shared_out};
 use cases::{Case, Choice};
+use commands::command;
 use journal::{Head, Journal};
-use worker::{Job, Said};
 
 pub(crate) use worker::run as run_worker;
 pub(crate) use workers::stop;
@@ -64,15 +63,16 @@ pub(crate) fn run(args: &Eval, global: &Global) -> anyhow::Result<ExitCode> {
     } else {
         methods.into_iter().map(|m| vec![m]).collect()
     };
-    let share = shared_out(args, global, groups.len());
+    let together = groups.iter().any(|g| g.len() > 1);
+    let (jobs, threads) = shared_out(args, global, groups.len());
     let config_digest = config::digest(&config)?;
     let head = Head {
         winze: env!("CARGO_PKG_VERSION").to_owned(),
         config_digest: config_digest.clone(),
         cases_digest,
-        together: groups.iter().any(|g| g.len() > 1),
-        jobs: share.0,
-        threads: share.1,
+        together,
+        jobs,
+        threads,
     };
     let journal = args.journal.as_deref();
     let journal = journal.map(|path| Journal::open(path, &head)).transpose()?;
@@ -83,7 +83,7 @@ pub(crate) fn run(args: &Eval, global: &Global) -> anyhow::Result<ExitCode> {
         cases: &chosen,
         journal: journal.as_ref(),
     };
-    let (runs, costs, errors) = ask(&asked, &groups, share)?;
+    let (runs, costs, errors) = ask(&asked, &groups, (jobs, threads))?;
     let truths = chosen
         .iter()
         .map(Case::truth)
@@ -94,9 +94,9 @@ pub(crate) fn run(args: &Eval, global: &Global) -> anyhow::Result<ExitCode> {
         command: command(),
         config_digest,
         seeds: seeds(args, config.seed),
-        jobs: share.0,
-        together: groups.iter().any(|g| g.len() > 1),
-        threads: share.1,
+        jobs,
+        together,
+        threads,
         labels: labels(with_truth.map(|(c, truth)| Labelled {
             family: &c.family,
             truth,
@@ -189,226 +189,6 @@ fn check(args: &Eval, global: &Global, file: &Path, chosen: &[Case]) -> anyhow::
     check_outputs(&outputs, &inputs)
 }
 
-/// What is asked, of every method alike.
-struct Asked<'a> {
-    args: &'a Eval,
-    global: &'a Global,
-    config: &'a Config,
-    cases: &'a [Case],
-    journal: Option<&'a Journal>,
-}
-
-impl Asked<'_> {
-    fn seeds_of(&self, method: Method) -> Vec<u64> {
-        let mut seeds = seeds(self.args, self.config.seed);
-        if !method.uses_features() {
-            // Nothing is drawn at random: all seeds would say the same.
-            seeds.truncate(1);
-        }
-        seeds
-    }
-
-    /// One process' methods on all cases.
-    fn one(
-        &self,
-        first: bool,
-        methods: &[Method],
-        threads: usize,
-        progress: &Progress,
-    ) -> anyhow::Result<(Vec<Run>, MethodCost, Vec<Trouble>)> {
-        progress.say("read");
-        let asked: Vec<(String, Vec<u64>)> = methods
-            .iter()
-            .map(|m| (m.name().to_owned(), self.seeds_of(*m)))
-            .collect();
-        let name = workers::cost_name(&asked);
-        let (mut runs, mut errors): (Vec<Run>, Vec<Trouble>) = Default::default();
-        let mut left = Vec::new();
-        for case in self.cases {
-            let all = |journal: &Journal| -> Option<Vec<Vec<Run>>> {
-                let of =
-                    |(method, seeds): &(String, Vec<u64>)| journal.runs(method, &case.name, seeds);
-                asked.iter().map(of).collect()
-            };
-            match self.journal.and_then(all) {
-                Some(known) => {
-                    for run in known.into_iter().flatten() {
-                        progress.step(&case.name);
-                        runs.push(run);
-                    }
-                }
-                None => left.push(case.clone()),
-            }
-        }
-        let job = Job {
-            methods: asked.clone(),
-            config: self.config.clone(),
-            keep_query: methods.len() > 1,
-            figures: self
-                .args
-                .figures
-                .clone()
-                .map(|folder| (FIGURES.name().to_owned(), folder)),
-            cases: by_map(&left),
-        };
-        let mut noted = Ok(());
-        let mut note = |journal: &dyn Fn(&Journal) -> anyhow::Result<()>| {
-            if let (Some(own), Ok(())) = (self.journal, &noted) {
-                noted = journal(own);
-            }
-        };
-        // What the readers have to say of a file need not be said again for every method.
-        let quiet = self.global.quiet || !first;
-        let cost = workers::work(job, self.global, threads, quiet, |said| match said {
-            Said::Run(mut run) => {
-                if let Some(case) = self.cases.iter().find(|c| c.name == run.case) {
-                    run.again = again(self.args, self.global, case, &run.method, run.seed);
-                }
-                progress.step(&format!("{}: {}", run.method, run.case));
-                note(&|journal| journal.run(&run));
-                runs.push(*run);
-            }
-            Said::Trouble {
-                case,
-                method,
-                message,
-            } => errors.extend(
-                asked
-                    .iter()
-                    .filter(|(m, _)| method.as_ref().is_none_or(|own| own == m))
-                    .map(|(m, _)| Trouble {
-                        case: case.clone(),
-                        method: m.clone(),
-                        message: message.clone(),
-                    }),
-            ),
-            Said::Map { cost, peak } => note(&|journal| journal.map(&name, &cost, peak)),
-            Said::Over { .. } => {}
-        })?;
-        if let Err(e) = noted {
-            // The tables do not depend on it.
-            talk(&format!(
-                "winze: note: {e:#}; runs are not noted any more\n"
-            ));
-        }
-        let earlier = self.journal.and_then(|j| j.cost(&name)).cloned();
-        let cost = earlier.map_or(cost.clone(), |mut earlier| {
-            earlier.peak_memory_bytes = earlier.peak_memory_bytes.max(cost.peak_memory_bytes);
-            earlier.maps.extend(cost.maps);
-            earlier.errors = cost.errors;
-            earlier
-        });
-        // Where a process that ran several died, those that had answered are in no trouble.
-        errors.retain(|e| {
-            let own = asked.iter().find(|(m, _)| *m == e.method);
-            let answered = |seed: &u64| {
-                let is = |r: &Run| r.case == e.case && r.method == e.method && r.seed == *seed;
-                runs.iter().any(is)
-            };
-            !own.is_some_and(|(_, seeds)| seeds.iter().all(answered))
-        });
-        // What broke off stays in every denominator.
-        for trouble in &errors {
-            let case = self.cases.iter().find(|c| c.name == trouble.case);
-            let own = asked.iter().find(|(m, _)| *m == trouble.method);
-            let (Some(case), Some((method, seeds))) = (case, own) else {
-                continue;
-            };
-            let truth = case.truth()?;
-            for &seed in seeds {
-                let is = |r: &Run| r.case == case.name && r.method == *method && r.seed == seed;
-                if !runs.iter().any(is) {
-                    let (name, family) = (&case.name, &case.family);
-                    let why = &trouble.message;
-                    runs.push(Run {
-                        sensor: case.sensor.clone(),
-                        overlap: case.overlap,
-                        ..Run::broken(name, family, method, seed, &truth, why)
-                    });
-                    progress.step(name);
-                }
-            }
-        }
-        // Methods one after the other, each in the order of the file; seeds stay in theirs.
-        runs.sort_by_key(|r| {
-            (
-                asked.iter().position(|(m, _)| *m == r.method),
-                self.cases.iter().position(|c| c.name == r.case),
-            )
-        });
-        Ok((runs, cost, errors))
-    }
-}
-
-/// Every method in a process of its own; unless several are asked for at once, one after another, so that
-/// seconds are those of a machine with nothing else to do.
-fn ask(
-    asked: &Asked<'_>,
-    groups: &[Vec<Method>],
-    (jobs, threads): (usize, usize),
-) -> anyhow::Result<(Vec<Run>, Vec<MethodCost>, Vec<Trouble>)> {
-    let total: usize = groups
-        .iter()
-        .flatten()
-        .map(|m| asked.seeds_of(*m).len() * asked.cases.len())
-        .sum();
-    let progress = Progress::counted(asked.global.quiet, total);
-    let next = AtomicUsize::new(0);
-    let found = Mutex::new(Vec::new());
-    std::thread::scope(|scope| {
-        for _ in 0..jobs {
-            scope.spawn(|| {
-                loop {
-                    let i = next.fetch_add(1, Ordering::Relaxed);
-                    let Some(group) = groups.get(i) else {
-                        return;
-                    };
-                    let answer = asked.one(i == 0, group, threads, &progress);
-                    let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
-                    found.push((i, answer));
-                }
-            });
-        }
-    });
-    progress.finish();
-    let mut found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
-    found.sort_by_key(|(i, _)| *i);
-    let (mut runs, mut costs, mut errors) = (Vec::new(), Vec::new(), Vec::new());
-    for (_, answer) in found {
-        let (own, cost, trouble) = answer?;
-        runs.extend(own);
-        costs.push(cost);
-        errors.extend(trouble);
-    }
-    Ok((runs, costs, errors))
-}
-
-/// How many methods run at once, and on how many threads each.
-fn shared_out(args: &Eval, global: &Global, processes: usize) -> (usize, usize) {
-    let all = match global.threads {
-        0 => std::thread::available_parallelism().map_or(1, usize::from),
-        n => n,
-    };
-    let jobs = args.jobs.unwrap_or(1).clamp(1, processes.max(1));
-    if jobs == 1 {
-        return (1, global.threads);
-    }
-    (jobs, all.div_ceil(jobs))
-}
-
-/// Cases on one map together, maps in the order in which they first come.
-fn by_map(cases: &[Case]) -> Vec<Case> {
-    let mut maps: Vec<&Path> = Vec::new();
-    for c in cases {
-        if !maps.contains(&c.map.as_path()) {
-            maps.push(&c.map);
-        }
-    }
-    let mut sorted = cases.to_vec();
-    sorted.sort_by_key(|c| maps.iter().position(|m| *m == c.map));
-    sorted
-}
-
 /// Prints the tables and writes what was asked for.
 fn write(
     args: &Eval,
@@ -464,69 +244,4 @@ fn text(e: &Evaluation) -> String {
         );
     }
     out
-}
-
-/// Command lines that give one run again: as it was judged, and by `locate`.
-fn again(args: &Eval, global: &Global, case: &Case, method: &str, seed: u64) -> Vec<String> {
-    let mut settings = format!(" --method {method} --seed {seed}");
-    if let Some(path) = &global.config {
-        let _ = write!(
-            settings,
-            " --config {}",
-            quoted(&path.display().to_string())
-        );
-    }
-    for set in &global.set {
-        let _ = write!(settings, " --set {}", quoted(set));
-    }
-    let path = |p: &Path| quoted(&p.display().to_string());
-    let upright = if case.gravity_aligned {
-        " --gravity-aligned"
-    } else {
-        ""
-    };
-    vec![
-        format!(
-            "winze eval {} --only {}{settings}",
-            path(&args.cases),
-            quoted(&case.name)
-        ),
-        format!(
-            "winze locate {} {}{upright}{settings}",
-            path(&case.map),
-            path(&case.query)
-        ),
-    ]
-}
-
-/// The command line of this run.
-fn command() -> String {
-    let words = std::env::args().skip(1).map(|a| quoted(&a));
-    std::iter::once("winze".to_owned())
-        .chain(words)
-        .collect::<Vec<_>>()
-        .join(" ")
-}
-
-/// A word as a shell takes it for one.
-fn quoted(word: &str) -> String {
-    let plain = |c: char| c.is_ascii_alphanumeric() || "_-./=+,:@%".contains(c);
-    if !word.is_empty() && word.chars().all(plain) {
-        word.to_owned()
-    } else {
-        format!("'{}'", word.replace('\'', r"'\''"))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn words_are_quoted_for_a_shell() {
-        assert_eq!(quoted("paper/cloud_1"), "paper/cloud_1");
-        assert_eq!(quoted("fpfh.radius=3 voxels"), "'fpfh.radius=3 voxels'");
-        assert_eq!(quoted("it's"), r"'it'\''s'");
-        assert_eq!(quoted(""), "''");
-    }
 }

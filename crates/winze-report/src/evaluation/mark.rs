@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 use winze::degeneracy::{DirectionKind, Unobservable};
+use winze::vec3::{cross, dot, norm};
 use winze::{Pose, Verdict};
 
 /// A direction that an answer names counts as one of the case's within this angle, radians (30°).
@@ -214,22 +215,6 @@ fn without(v: [f64; 3], axes: &[[f64; 3]]) -> [f64; 3] {
         let along = dot(v, *axis);
         std::array::from_fn(|i| v[i] - along * axis[i])
     })
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-fn norm(v: [f64; 3]) -> f64 {
-    dot(v, v).sqrt()
 }
 
 #[cfg(test)]

@@ -193,12 +193,12 @@ impl Paper {
     /// Everything as Markdown.
     #[must_use]
     pub fn to_markdown(&self) -> String {
-        let mut out = self.note().replace("{code}", "`");
+        let mut out = self.note();
         out += "\n\n";
         for (title, table) in self.tables() {
             let _ = writeln!(out, "**{title}**\n\n{}", table.to_markdown());
         }
-        let _ = writeln!(out, "{}\n", self.at_ceiling_head().replace("{code}", "`"));
+        let _ = writeln!(out, "{}\n", at_ceiling_head());
         for line in self.at_ceiling_lines() {
             let _ = writeln!(out, "- {line}");
         }
@@ -208,33 +208,28 @@ impl Paper {
     /// Everything as HTML.
     #[must_use]
     pub fn to_html(&self) -> String {
-        let plain = |text: &str| escape(&text.replace("{code}", ""));
+        let plain = |markdown: &str| escape(&markdown.replace('`', ""));
         let mut out = format!("<p>{}</p>", plain(&self.note()));
         for (title, table) in self.tables() {
             let _ = write!(out, "<h3>{}</h3>{}", escape(title), table.to_html());
         }
-        let _ = write!(out, "<p>{}</p><ul>", plain(&self.at_ceiling_head()));
+        let _ = write!(out, "<p>{}</p><ul>", plain(&at_ceiling_head()));
         for line in self.at_ceiling_lines() {
             let _ = write!(out, "<li>{}</li>", escape(&line));
         }
         out + "</ul>"
     }
 
+    /// What the tables mean, in Markdown.
     fn note(&self) -> String {
         let seeds = self.cells.iter().map(|c| c.seeds).max().unwrap_or(0);
         format!(
             "Medians over {seeds} seed{}, in brackets what the paper printed for its own clouds (its \"simulation mine\" is \
-             the coal wall here). {{code}}ndt+icp{{code}} starts from the identity and draws nothing at random: one run. The \
+             the coal wall here). `ndt+icp` starts from the identity and draws nothing at random: one run. The \
              ceiling is the same metric at the true pose. A seed without a pose counts as the worst there is. A refiner is \
              followed only where it gains more than noise gives; \
-             {{code}}--set ndt.keep_better=false --set icp.keep_better=false{{code}} runs the paper's bare chains.",
+             `--set ndt.keep_better=false --set icp.keep_better=false` runs the paper's bare chains.",
             if seeds == 1 { "" } else { "s" }
-        )
-    }
-
-    fn at_ceiling_head(&self) -> String {
-        format!(
-            "The full chain {{code}}{CHAIN}{{code}} within 1 percentage point and 10 % RMSE of the ceiling:"
         )
     }
 
@@ -320,6 +315,10 @@ impl Paper {
         }
         table
     }
+}
+
+fn at_ceiling_head() -> String {
+    format!("The full chain `{CHAIN}` within 1 percentage point and 10 % RMSE of the ceiling:")
 }
 
 impl PaperCell {

@@ -1,10 +1,10 @@
 //! Places by looking through vertical columns, and which of them are joined.
 
 use rayon::prelude::*;
+use winze::vec3::{add, scale};
 
 use super::{NONE, Robot, is_open};
 use crate::raycast::Caster;
-use crate::vec3::{add, scale};
 
 /// Columns, metres apart; more where there would be too many.
 const CELL: f64 = 0.5;

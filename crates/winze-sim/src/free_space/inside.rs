@@ -5,11 +5,12 @@
 //! before those without; where the winding of the triangles tells air from rock, air comes before rock; then
 //! the larger set comes first.
 
+use winze::vec3::{cross, dot, norm, scale, sub};
+
 use super::NONE;
 use super::columns::Place;
 use crate::error::{Error, Result};
 use crate::raycast::Caster;
-use crate::vec3::{cross, dot, norm, scale, sub};
 
 /// Sets smaller than this are not a mine.
 const FEWEST: usize = 12;

@@ -11,12 +11,12 @@ mod ways;
 
 use serde::{Deserialize, Serialize};
 use winze::rng::Rng;
+use winze::vec3::{distance, scale, sub};
 
 pub(crate) use inside::faces;
 
 use crate::error::{Error, Result};
 use crate::raycast::Caster;
-use crate::vec3::{distance, scale, sub};
 
 /// The room that a robot takes up around its sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

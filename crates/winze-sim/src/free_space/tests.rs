@@ -1,6 +1,7 @@
+use winze::vec3::norm;
+
 use super::*;
 use crate::mesh::{Material, Mesh, Part};
-use crate::vec3::norm;
 
 const ROBOT: Robot = Robot {
     radius: 0.4,
@@ -115,7 +116,7 @@ fn ways_go_around_walls_through_the_middle() {
     // No corner is sharper than 45 degrees from one step to the next.
     for w in way.windows(3).skip(2) {
         let (u, v) = (sub(w[1], w[0]), sub(w[2], w[1]));
-        assert!(crate::vec3::dot(u, v) > 0.7 * norm(u) * norm(v), "{w:?}");
+        assert!(winze::vec3::dot(u, v) > 0.7 * norm(u) * norm(v), "{w:?}");
     }
     for bad in [[9.5, 3.0, 0.6], [0.1, 1.0, 0.6], [1.0, 1.0, 9.0]] {
         let e = free.path(bad, to).unwrap_err().to_string();

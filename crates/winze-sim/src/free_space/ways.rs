@@ -6,10 +6,10 @@ use std::collections::BinaryHeap;
 use pathfinding::directed::astar::astar;
 use pathfinding::directed::dijkstra::dijkstra_reach;
 use winze::rng::Rng;
+use winze::vec3::{add, distance, line_length, scale, sub};
 
 use super::{FreeSpace, NONE, ROOM};
 use crate::error::{Error, Result};
-use crate::vec3::{add, distance, scale, sub};
 
 /// Points of a way, metres apart.
 const STEP: f64 = 0.25;
@@ -247,13 +247,7 @@ fn millimetres(metres: f64) -> u32 {
 
 /// Points along a line of points, [`STEP`] apart, both ends included.
 fn spaced(line: &[[f64; 3]]) -> Vec<[f64; 3]> {
-    let total: f64 = line
-        .windows(2)
-        .map(|w| match w {
-            [a, b] => distance(*a, *b),
-            _ => 0.0,
-        })
-        .sum();
+    let total = line_length(line);
     let (Some(first), Some(last)) = (line.first(), line.last()) else {
         return Vec::new();
     };

@@ -2,7 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use super::way::way_length;
+use winze::vec3::line_length;
+
 use super::{MapSpec, Mine, Place, QuerySpec, Scenario, mapped_share};
 use crate::error::{Error, Result, within};
 
@@ -86,7 +87,7 @@ impl Scenario {
 
 fn check_mine(key: &str, mine: &Mine) -> Result<()> {
     match (&mine.world, &mine.mesh) {
-        (Some(world), None) => world.validate().map_err(|e| e.within(key))?,
+        (Some(world), None) => world.validate().map_err(|e| e.at(key))?,
         (None, Some(_)) => {}
         _ => return Err(refused(key, "give world or mesh, one of them")),
     }
@@ -99,9 +100,9 @@ fn check_mine(key: &str, mine: &Mine) -> Result<()> {
 }
 
 fn check_map(key: &str, map: &MapSpec) -> Result<()> {
-    map.sensor.0.validate().map_err(|e| e.within(key))?;
+    map.sensor.0.validate().map_err(|e| e.at(key))?;
     map.motion.validate(&format!("{key}.motion"))?;
-    map.dust.validate().map_err(|e| e.within(key))?;
+    map.dust.validate().map_err(|e| e.at(key))?;
     within(&format!("{key}.spacing"), map.spacing, 1.0, 1000.0)?;
     within(&format!("{key}.voxel"), map.voxel, 0.005, 5.0)?;
     within(&format!("{key}.leave_out"), map.leave_out, 0.0, 0.9)?;
@@ -124,12 +125,12 @@ fn check_query(key: &str, query: &QuerySpec) -> Result<()> {
         return Err(refused(&format!("{key}.sensors"), "there is none"));
     }
     for sensor in &query.sensors {
-        sensor.0.validate().map_err(|e| e.within(key))?;
+        sensor.0.validate().map_err(|e| e.at(key))?;
     }
     query.motion.validate(&format!("{key}.motion"))?;
-    query.dust.validate().map_err(|e| e.within(key))?;
+    query.dust.validate().map_err(|e| e.at(key))?;
     if let Some(change) = &query.change {
-        change.validate().map_err(|e| e.within(key))?;
+        change.validate().map_err(|e| e.at(key))?;
     }
     let drift = &query.drift;
     for (name, value) in [
@@ -193,7 +194,7 @@ fn lines<'a>(key: &str, lines: impl Iterator<Item = &'a Vec<[f64; 3]>>) -> Resul
             "a line without points, or with one that is not finite or 60 km away",
         ));
     }
-    let too_long = |line: &&Vec<[f64; 3]>| way_length(line) > LONGEST;
+    let too_long = |line: &&Vec<[f64; 3]>| line_length(line) > LONGEST;
     if all.iter().any(too_long) {
         return Err(refused(key, "a line of more than 100 km"));
     }

@@ -154,12 +154,12 @@ impl Play<'_> {
             read,
         })?;
         let name = format!("mine \"{}\"", mine.name);
-        let first = self.session(mine, &caster).map_err(|e| e.within(&name))?;
+        let first = self.session(mine, &caster).map_err(|e| e.at(&name))?;
         let mapped = match &mine.map {
             Some(spec) => {
                 let (mapped, cloud, way, scans) = self
                     .map(mine, spec, &first)
-                    .map_err(|e| e.within(&format!("mine \"{}\", map", mine.name)))?;
+                    .map_err(|e| e.at(&format!("{name}, map")))?;
                 each(Made::Map(MadeMap {
                     mine: &mine.name,
                     cloud: &cloud,
@@ -186,7 +186,7 @@ impl Play<'_> {
             let later = match &changed {
                 Some(caster) => Some(
                     self.session(mine, caster)
-                        .map_err(|e| e.within(&query_name(mine, spec)))?,
+                        .map_err(|e| e.at(&query_name(mine, spec)))?,
                 ),
                 None => None,
             };
@@ -338,14 +338,14 @@ impl Play<'_> {
         for draw in 1..=DRAWS {
             let (made, overlap) = self
                 .draw(mine, spec, i, draw, session, mapped)
-                .map_err(|e| e.within(&query_name(mine, spec)))?;
+                .map_err(|e| e.at(&query_name(mine, spec)))?;
             if spec.place != Place::Unmapped || overlap <= UNSEEN {
                 return Ok(made);
             }
         }
         let why =
             "from the unmapped part mapped surface is always in sight; leave more out of the map";
-        Err(Error::NoFreeSpace(why.into()).within(&query_name(mine, spec)))
+        Err(Error::NoFreeSpace(why.into()).at(&query_name(mine, spec)))
     }
 
     /// One try at a query, with its overlap.

@@ -3,12 +3,12 @@
 use std::collections::BTreeSet;
 
 use winze::rng::Rng;
+use winze::vec3::{add, distance, line_length, scale, sub, voxel_of};
 
 use super::{MapSpec, Place, QuerySpec};
 use crate::error::{Error, Result};
 use crate::free_space::{self, FreeSpace};
 use crate::raycast::Caster;
-use crate::vec3::{add, distance, scale, sub};
 
 /// Drives tried before a place is given up.
 const ATTEMPTS: usize = 80;
@@ -88,8 +88,7 @@ pub(super) fn survey(
 pub(super) fn every_metre(free: &FreeSpace<'_>) -> Vec<[f64; 3]> {
     let mut taken = BTreeSet::new();
     let mut places = free.places().to_vec();
-    #[expect(clippy::cast_possible_truncation, reason = "metres")]
-    places.retain(|p| taken.insert(p.map(|v| v.floor() as i64)));
+    places.retain(|p| taken.insert(voxel_of(*p, 1.0)));
     places
 }
 
@@ -180,7 +179,7 @@ pub(super) fn drive(
         if !border.is_none_or(|b| suits(&b, spec, &way)) {
             continue;
         }
-        let long = way_length(&way);
+        let long = line_length(&way);
         if long >= LONG_ENOUGH * length {
             return Ok(way);
         }
@@ -200,16 +199,6 @@ pub(super) fn drive(
             Place::Unmapped => "unmapped",
         }
     )))
-}
-
-/// Its length, metres.
-pub(super) fn way_length(way: &[[f64; 3]]) -> f64 {
-    way.windows(2)
-        .map(|w| match w {
-            [a, b] => distance(*a, *b),
-            _ => 0.0,
-        })
-        .sum()
 }
 
 fn suits(border: &Border, spec: &QuerySpec, way: &[[f64; 3]]) -> bool {

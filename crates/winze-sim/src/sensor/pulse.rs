@@ -13,13 +13,13 @@
 
 use serde::{Deserialize, Serialize};
 use winze::rng::Rng;
+use winze::vec3::dot;
 
 use super::ReturnOrigin;
 use super::sight::{self, Met};
 use crate::dust::Dust;
 use crate::error::Result;
 use crate::raycast::Caster;
-use crate::vec3::dot;
 
 /// Which of several echoes of a shot is reported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,10 +1,10 @@
 //! What a ray meets: a surface, or, over a wet floor, the mirror image of one.
 
 use winze::rng::Rng;
+use winze::vec3::dot;
 
 use super::ReturnOrigin;
 use crate::raycast::{Caster, Hit};
-use crate::vec3::dot;
 
 /// The surface that gives a ray's light back.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use winze::Pose;
 use winze::rng::Rng;
+use winze::vec3::dot;
 
 use super::pulse::Echo;
 use super::sight::{self, Met, Sight};
@@ -23,7 +24,6 @@ use crate::dust::Dust;
 use crate::error::Result;
 use crate::noise;
 use crate::raycast::Caster;
-use crate::vec3::dot;
 
 /// A stereo depth camera.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -2,8 +2,8 @@
 
 use super::*;
 use crate::mesh::{Mesh, Part};
-use crate::vec3::dot;
 use winze::rng::Rng;
+use winze::vec3::dot;
 
 /// A rough box room, `size` metres, its corner at the origin: each wall a grid whose inner nodes are off by
 /// up to `relief`. Part 0 holds the walls and the roof, part 1 the floor with `wet`.

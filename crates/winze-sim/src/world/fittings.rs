@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 use winze::rng::Rng;
+use winze::vec3::{cross, distance};
 
 use super::field::Field;
 use super::kinds::{Change, Fittings};
@@ -14,7 +15,6 @@ use super::solids::{Solid, unit};
 use super::vehicles;
 use crate::error::Result;
 use crate::mesh::{Material, Mesh, Part};
-use crate::vec3::{cross, distance};
 
 /// Kinds of fittings, in the order of their parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]

@@ -1,8 +1,9 @@
 //! The plan of a world: how far a place is from the planned walls, before any relief.
 
+use winze::vec3::distance;
+
 use super::rooms::RoomPlan;
 use super::slab::SlabPlan;
-use crate::vec3::distance;
 
 /// How a place lies to the planned walls.
 #[derive(Debug, Clone, Copy, PartialEq)]

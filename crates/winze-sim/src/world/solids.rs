@@ -1,6 +1,6 @@
 //! Simple solids of triangles.
 
-use crate::vec3::{cross, norm, sub};
+use winze::vec3::{cross, norm, sub};
 
 /// Triangles of a part.
 #[derive(Debug, Clone, PartialEq, Default)]

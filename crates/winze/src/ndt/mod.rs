@@ -12,13 +12,14 @@ mod cells;
 pub use cells::{NdtCell, NdtCells};
 
 use crate::config::{NdtConfig, NdtForm};
-use crate::eigen3::{cross, dot, times};
+use crate::eigen3::times;
 use crate::icp;
 use crate::parallel;
 use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::refine::{Refined, StopReason, sample, spread};
 use crate::solve::System;
+use crate::vec3::{cross, dot};
 
 /// Refines `start` (`map_from_query`) by NDT over `levels`, coarse to fine (see [`levels`]).
 ///

@@ -1,0 +1,234 @@
+//! Methods asked over cases, each in a process of its own or all in one.
+
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+use winze::{Config, Method};
+use winze_report::evaluation::{MethodCost, Run, Trouble};
+
+use super::cases::Case;
+use super::commands::again;
+use super::journal::Journal;
+use super::worker::{Job, Said};
+use super::{FIGURES, seeds, workers};
+use crate::args::{Eval, Global};
+use crate::output::talk;
+use crate::progress::Progress;
+
+/// What is asked, of every method alike.
+pub(super) struct Asked<'a> {
+    pub(super) args: &'a Eval,
+    pub(super) global: &'a Global,
+    pub(super) config: &'a Config,
+    pub(super) cases: &'a [Case],
+    pub(super) journal: Option<&'a Journal>,
+}
+
+impl Asked<'_> {
+    fn seeds_of(&self, method: Method) -> Vec<u64> {
+        let mut seeds = seeds(self.args, self.config.seed);
+        if !method.uses_features() {
+            // Nothing is drawn at random: all seeds would say the same.
+            seeds.truncate(1);
+        }
+        seeds
+    }
+
+    /// One process' methods on all cases.
+    fn one(
+        &self,
+        first: bool,
+        methods: &[Method],
+        threads: usize,
+        progress: &Progress,
+    ) -> anyhow::Result<(Vec<Run>, MethodCost, Vec<Trouble>)> {
+        progress.say("read");
+        let asked: Vec<(String, Vec<u64>)> = methods
+            .iter()
+            .map(|m| (m.name().to_owned(), self.seeds_of(*m)))
+            .collect();
+        let name = workers::cost_name(&asked);
+        let (mut runs, mut errors): (Vec<Run>, Vec<Trouble>) = Default::default();
+        let mut left = Vec::new();
+        for case in self.cases {
+            let all = |journal: &Journal| -> Option<Vec<Vec<Run>>> {
+                let of =
+                    |(method, seeds): &(String, Vec<u64>)| journal.runs(method, &case.name, seeds);
+                asked.iter().map(of).collect()
+            };
+            match self.journal.and_then(all) {
+                Some(known) => {
+                    for run in known.into_iter().flatten() {
+                        progress.step(&case.name);
+                        runs.push(run);
+                    }
+                }
+                None => left.push(case.clone()),
+            }
+        }
+        let job = Job {
+            methods: asked.clone(),
+            config: self.config.clone(),
+            keep_query: methods.len() > 1,
+            figures: self
+                .args
+                .figures
+                .clone()
+                .map(|folder| (FIGURES.name().to_owned(), folder)),
+            cases: by_map(&left),
+        };
+        let mut noted = Ok(());
+        let mut note = |journal: &dyn Fn(&Journal) -> anyhow::Result<()>| {
+            if let (Some(own), Ok(())) = (self.journal, &noted) {
+                noted = journal(own);
+            }
+        };
+        // What the readers have to say of a file need not be said again for every method.
+        let quiet = self.global.quiet || !first;
+        let cost = workers::work(job, self.global, threads, quiet, |said| match said {
+            Said::Run(mut run) => {
+                if let Some(case) = self.cases.iter().find(|c| c.name == run.case) {
+                    run.again = again(self.args, self.global, case, &run.method, run.seed);
+                }
+                progress.step(&format!("{}: {}", run.method, run.case));
+                note(&|journal| journal.run(&run));
+                runs.push(*run);
+            }
+            Said::Trouble {
+                case,
+                method,
+                message,
+            } => errors.extend(
+                asked
+                    .iter()
+                    .filter(|(m, _)| method.as_ref().is_none_or(|own| own == m))
+                    .map(|(m, _)| Trouble {
+                        case: case.clone(),
+                        method: m.clone(),
+                        message: message.clone(),
+                    }),
+            ),
+            Said::Map { cost, peak } => note(&|journal| journal.map(&name, &cost, peak)),
+            Said::Over { .. } => {}
+        })?;
+        if let Err(e) = noted {
+            // The tables do not depend on it.
+            talk(&format!(
+                "winze: note: {e:#}; runs are not noted any more\n"
+            ));
+        }
+        let earlier = self.journal.and_then(|j| j.cost(&name)).cloned();
+        let cost = earlier.map_or(cost.clone(), |mut earlier| {
+            earlier.peak_memory_bytes = earlier.peak_memory_bytes.max(cost.peak_memory_bytes);
+            earlier.maps.extend(cost.maps);
+            earlier.errors = cost.errors;
+            earlier
+        });
+        // What broke off stays in every denominator. Where a process that ran several died, those that had
+        // answered are in no trouble.
+        let mut troubled = Vec::new();
+        for trouble in errors {
+            let case = self.cases.iter().find(|c| c.name == trouble.case);
+            let own = asked.iter().find(|(m, _)| *m == trouble.method);
+            let (Some(case), Some((method, seeds))) = (case, own) else {
+                continue;
+            };
+            let truth = case.truth()?;
+            let before = runs.len();
+            for &seed in seeds {
+                let is = |r: &Run| r.case == case.name && r.method == *method && r.seed == seed;
+                if !runs.iter().any(is) {
+                    let (name, family) = (&case.name, &case.family);
+                    let why = &trouble.message;
+                    runs.push(Run {
+                        sensor: case.sensor.clone(),
+                        overlap: case.overlap,
+                        ..Run::broken(name, family, method, seed, &truth, why)
+                    });
+                    progress.step(name);
+                }
+            }
+            if runs.len() > before {
+                troubled.push(trouble);
+            }
+        }
+        // Methods one after the other, each in the order of the file; seeds stay in theirs.
+        runs.sort_by_key(|r| {
+            (
+                asked.iter().position(|(m, _)| *m == r.method),
+                self.cases.iter().position(|c| c.name == r.case),
+            )
+        });
+        Ok((runs, cost, troubled))
+    }
+}
+
+/// Every method in a process of its own; unless several are asked for at once, one after another, so that
+/// seconds are those of a machine with nothing else to do.
+pub(super) fn ask(
+    asked: &Asked<'_>,
+    groups: &[Vec<Method>],
+    (jobs, threads): (usize, usize),
+) -> anyhow::Result<(Vec<Run>, Vec<MethodCost>, Vec<Trouble>)> {
+    let total: usize = groups
+        .iter()
+        .flatten()
+        .map(|m| asked.seeds_of(*m).len() * asked.cases.len())
+        .sum();
+    let progress = Progress::counted(asked.global.quiet, total);
+    let next = AtomicUsize::new(0);
+    let found = Mutex::new(Vec::new());
+    std::thread::scope(|scope| {
+        for _ in 0..jobs {
+            scope.spawn(|| {
+                loop {
+                    let i = next.fetch_add(1, Ordering::Relaxed);
+                    let Some(group) = groups.get(i) else {
+                        return;
+                    };
+                    let answer = asked.one(i == 0, group, threads, &progress);
+                    let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
+                    found.push((i, answer));
+                }
+            });
+        }
+    });
+    progress.finish();
+    let mut found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
+    found.sort_by_key(|(i, _)| *i);
+    let (mut runs, mut costs, mut errors) = (Vec::new(), Vec::new(), Vec::new());
+    for (_, answer) in found {
+        let (own, cost, trouble) = answer?;
+        runs.extend(own);
+        costs.push(cost);
+        errors.extend(trouble);
+    }
+    Ok((runs, costs, errors))
+}
+
+/// How many methods run at once, and on how many threads each.
+pub(super) fn shared_out(args: &Eval, global: &Global, processes: usize) -> (usize, usize) {
+    let all = match global.threads {
+        0 => std::thread::available_parallelism().map_or(1, usize::from),
+        n => n,
+    };
+    let jobs = args.jobs.unwrap_or(1).clamp(1, processes.max(1));
+    if jobs == 1 {
+        return (1, global.threads);
+    }
+    (jobs, all.div_ceil(jobs))
+}
+
+/// Cases on one map together, maps in the order in which they first come.
+fn by_map(cases: &[Case]) -> Vec<Case> {
+    let mut maps: Vec<&Path> = Vec::new();
+    for c in cases {
+        if !maps.contains(&c.map.as_path()) {
+            maps.push(&c.map);
+        }
+    }
+    let mut sorted = cases.to_vec();
+    sorted.sort_by_key(|c| maps.iter().position(|m| *m == c.map));
+    sorted
+}
