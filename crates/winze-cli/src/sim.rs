@@ -42,18 +42,20 @@ pub(crate) fn run(args: &Sim, global: &Global) -> anyhow::Result<ExitCode> {
     let progress = Progress::new(global.quiet, scenario.cases() as u64);
     let mut folder = Folder::new(&making, &scenario, !args.no_mesh);
     let told = |step: Step<'_>| progress.at(step.what, step.done as u64);
-    let played = scenario::simulate(&scenario, seed, &told, |made| folder.take(made));
-    if let Err(e) = played {
+    let made = (|| {
+        scenario::simulate(&scenario, seed, &told, |made| folder.take(made))?;
+        progress.say("contact sheets");
+        let sheets = folder.sheets()?;
+        let cases = Cases {
+            cases: std::mem::take(&mut folder.cases),
+        };
+        atomic::write_bytes(&making.join(CASES), cases.to_json().as_bytes())?;
+        Ok((cases, sheets))
+    })();
+    let (cases, sheets) = made.inspect_err(|_: &anyhow::Error| {
         // It can be large, and is of no use; if it cannot be deleted, the next run will.
         let _ = std::fs::remove_dir_all(&making);
-        return Err(e);
-    }
-    progress.say("contact sheets");
-    let sheets = folder.sheets()?;
-    let cases = Cases {
-        cases: std::mem::take(&mut folder.cases),
-    };
-    atomic::write_bytes(&making.join(CASES), cases.to_json().as_bytes())?;
+    })?;
     put_in_place(out, &making, &scenario.name, seed)?;
     progress.finish();
     if !global.quiet {

@@ -400,8 +400,9 @@ impl Run<'_> {
             });
             let candidate =
                 |pose: Pose, stop: Option<StopReason>| candidate(pose, stop, map, query, verify);
-            // Far from the truth the residual says little; `auto` weighs many places instead.
-            let guard = config.ndt.keep_better && method != Method::Auto;
+            // A start that no features found is a guess: far from the truth the residual says little. `auto` weighs many
+            // places instead.
+            let guard = config.ndt.keep_better && method.uses_features() && method != Method::Auto;
             self.stage("refine by NDT", poses.len(), || {
                 let refine = |(pose, stop): &(Pose, Option<StopReason>)| {
                     let refined = known.get(Refiner::Ndt, pose, || {

@@ -121,7 +121,7 @@ impl Asked<'_> {
         let earlier = self.journal.and_then(|j| j.cost(&name)).cloned();
         let cost = earlier.map_or(cost.clone(), |mut earlier| {
             earlier.peak_memory_bytes = earlier.peak_memory_bytes.max(cost.peak_memory_bytes);
-            earlier.maps.extend(cost.maps);
+            earlier.add_maps(cost.maps);
             earlier.errors = cost.errors;
             earlier
         });

@@ -122,7 +122,7 @@ impl Journal {
                     ..MethodCost::default()
                 });
                 kept.peak_memory_bytes = kept.peak_memory_bytes.max(peak);
-                kept.maps.push(cost);
+                kept.add_maps([cost]);
             }
             _ => bail!("{at}: is no journal of `winze eval`; name another file"),
         }

@@ -85,6 +85,17 @@ pub struct MapCost {
     pub work_seconds: f64,
 }
 
+impl MethodCost {
+    /// Adds maps. One that is already there was prepared again after a run that was cut short, and counts once.
+    pub fn add_maps(&mut self, maps: impl IntoIterator<Item = MapCost>) {
+        for new in maps {
+            if !self.maps.iter().any(|own| own.map == new.map) {
+                self.maps.push(new);
+            }
+        }
+    }
+}
+
 impl Summary {
     /// Of the runs given.
     #[must_use]

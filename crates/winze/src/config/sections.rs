@@ -148,8 +148,8 @@ section! {
         min_pairs: usize = 20, Any;
         /// Iterations at each cell size.
         max_iterations: usize = 30, Between(1.0, 1e6);
-        /// In the paper's methods, NDT is followed only where the pose gains more than noise gives
-        /// (`auto` weighs many places instead).
+        /// In the paper's methods, NDT is followed from a pose that features found only where it gains more than noise
+        /// gives (`ndt+icp` begins with a guess; `auto` weighs many places instead).
         keep_better: bool = true, Any;
         /// Ends when a step is shorter than this, metres,
         translation_epsilon: f64 = 0.001, NonNegative;

@@ -1,6 +1,7 @@
 use super::*;
 use crate::prepare::prepare;
 use crate::test_world::{cloud, drift};
+use crate::verify::gain;
 
 /// A rough drift of 30 m, and the middle of it measured again, in a frame of its own.
 fn pair(seed: u64) -> (Vec<[f64; 3]>, Cloud, Pose) {
@@ -178,12 +179,12 @@ fn the_bare_chain_ends_where_icp_does_and_the_guarded_one_no_worse() {
     let by_icp = icp::align(&map, &query, &by_ndt.map_from_query, &config.icp);
     assert_eq!(bare.map_from_query, Some(by_icp.map_from_query));
     assert_eq!(bare.hypotheses[0].stop, Some(by_icp.stop));
-    let residual =
-        |r: &Refined| fit(&map, &query, &r.map_from_query, &config.verify).bounded_residual;
-    let (pose, stop) = if residual(&by_ndt) < residual(&by_icp) {
-        (by_ndt.map_from_query, StopReason::NoBetter)
-    } else {
+    let poses = (&by_ndt.map_from_query, &by_icp.map_from_query);
+    let (gain, error) = gain(&map, &query, poses, &config.verify);
+    let (pose, stop) = if gain > 2.0 * error {
         (by_icp.map_from_query, by_icp.stop)
+    } else {
+        (by_ndt.map_from_query, StopReason::NoBetter)
     };
     assert_eq!(guarded.map_from_query, Some(pose));
     assert_eq!(guarded.hypotheses[0].stop, Some(stop));
