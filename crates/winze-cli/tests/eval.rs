@@ -247,6 +247,95 @@ fn mistakes_are_told_at_once() {
     }
 }
 
+/// The processes that process `id` has started, once there is one. A thread's children are listed under that thread;
+/// none are where the system does not list them.
+#[cfg(unix)]
+fn workers_of(id: u32) -> Vec<String> {
+    let children = || -> Vec<String> {
+        let threads = std::fs::read_dir(format!("/proc/{id}/task"));
+        threads
+            .into_iter()
+            .flatten()
+            .filter_map(|t| std::fs::read_to_string(t.ok()?.path().join("children")).ok())
+            .flat_map(|t| {
+                t.split_whitespace()
+                    .map(ToOwned::to_owned)
+                    .collect::<Vec<_>>()
+            })
+            .collect()
+    };
+    for _ in 0..600 {
+        let found = children();
+        if !found.is_empty() || !cfg!(target_os = "linux") {
+            return found;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    Vec::new()
+}
+
+/// A process that dies (as when memory runs out) costs the case it was at; another does the rest.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_worker_that_dies_costs_one_case() {
+    use std::process::{Command, Stdio};
+    let f = folder();
+    let mut eval = Command::new(env!("CARGO_BIN_EXE_winze"));
+    eval.args([
+        "eval",
+        ".",
+        "--only",
+        "demo/here",
+        "--only",
+        "demo/mislabelled",
+    ])
+    .args(["--method", "ndt+icp", "--quiet", "--json", "-"])
+    .args(QUICK.split(' '))
+    .current_dir(f)
+    .stdin(Stdio::null())
+    .stdout(Stdio::piped())
+    .stderr(Stdio::piped());
+    let eval = eval.spawn().unwrap();
+    let worker = workers_of(eval.id()).remove(0);
+    let killed = Command::new("kill").args(["-9", &worker]).status();
+    assert!(killed.unwrap().success());
+    let done = eval.wait_with_output().unwrap();
+    assert_eq!(done.status.code(), Some(2));
+    let e: Value = serde_json::from_slice(&done.stdout).unwrap();
+    let errors = e["errors"].as_array().unwrap();
+    assert_eq!(errors.len(), 1, "{errors:?}");
+    let why = errors[0]["message"].as_str().unwrap();
+    assert!(why.contains("process that ran it ended"), "{why}");
+    let runs = e["runs"].as_array().unwrap();
+    assert_eq!(runs.len(), 2);
+    let answered = runs.iter().filter(|r| !r["map_from_query"].is_null());
+    assert_eq!(answered.count(), 1, "the other case was still asked");
+}
+
+#[test]
+fn methods_that_share_their_work_answer_as_they_do_apart() {
+    let f = folder();
+    let runs = |rest: &str| -> Vec<Value> {
+        let methods = "-m fpfh -m fpfh+ndt -m fpfh+ndt+icp -m auto";
+        let run = winze(
+            f,
+            &format!("eval . --only demo/here {methods} --json - {QUICK} {rest}"),
+        );
+        assert_eq!(run.code, Some(0), "{}", run.stderr);
+        let e: Value = serde_json::from_str(&run.stdout).unwrap();
+        let mut runs = e["runs"].as_array().unwrap().clone();
+        for run in &mut runs {
+            for differs in ["seconds", "query_kept"] {
+                run.as_object_mut().unwrap().remove(differs).unwrap();
+            }
+        }
+        runs
+    };
+    let apart = runs("");
+    assert_eq!(apart.len(), 4);
+    assert_eq!(apart, runs("--together"));
+}
+
 #[cfg(unix)]
 #[test]
 fn a_worker_that_is_told_to_go_leaves_nobody_behind() {
@@ -260,28 +349,7 @@ fn a_worker_that_is_told_to_go_leaves_nobody_behind() {
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    // A thread's children are listed under that thread.
-    let children = || -> Vec<String> {
-        let threads = std::fs::read_dir(format!("/proc/{}/task", eval.id()));
-        threads
-            .into_iter()
-            .flatten()
-            .filter_map(|t| std::fs::read_to_string(t.ok()?.path().join("children")).ok())
-            .flat_map(|t| {
-                t.split_whitespace()
-                    .map(ToOwned::to_owned)
-                    .collect::<Vec<_>>()
-            })
-            .collect()
-    };
-    let mut found = Vec::new();
-    for _ in 0..600 {
-        found = children();
-        if !found.is_empty() || !cfg!(target_os = "linux") {
-            break;
-        }
-        std::thread::sleep(std::time::Duration::from_millis(50));
-    }
+    let found = workers_of(eval.id());
     let killed = Command::new("kill").arg(eval.id().to_string()).status();
     assert!(killed.unwrap().success());
     assert_eq!(eval.wait().unwrap().code(), Some(130));

@@ -139,6 +139,26 @@ fn a_twin_is_found_and_a_lookalike_is_not() {
 }
 
 #[test]
+fn a_rival_of_a_long_drive_that_holds_its_ends_but_not_its_middle_is_found() {
+    let drift = tube(60.0, 0.0, false, odd);
+    let query = between(&drift, 4.0, 56.0);
+    let twin = tube(60.0, 30.0, false, odd);
+    let mapped = [
+        between(&drift, 0.0, 20.0),
+        between(&drift, 28.0, 40.0),
+        between(&twin, 0.0, 20.0),
+        between(&twin, 40.0, 52.0),
+    ];
+    let mut spots = places(60.0, 0.0);
+    spots.extend(places(60.0, 30.0));
+    let map = MappedSurface::new(&mapped.concat(), &spots);
+    let labels = labels_of(&map, &query);
+    assert_eq!(labels.alternatives.len(), 1, "{labels:?}");
+    let t = labels.alternatives[0].translation();
+    assert!(distance(t, [0.0, 30.0, 0.0]) < 0.05, "{t:?}");
+}
+
+#[test]
 fn overlap_counts_mapped_surface_and_leaves_new_things_aside() {
     let all = tube(40.0, 0.0, false, odd);
     let map = MappedSurface::new(&between(&all, 0.0, 20.0), &places(20.0, 0.0));
