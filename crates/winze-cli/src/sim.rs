@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use anyhow::{Context as _, bail};
 use winze::Pose;
 use winze_io::{atomic, write_cloud, write_trajectory, write_transform};
+use winze_report::evaluation::quantile;
 use winze_report::{Thumb, contact_sheet, thin};
 use winze_sim::cases::{Case, Cases};
 use winze_sim::mesh_file::{MeshReport, to_ply_bytes};
@@ -29,7 +30,7 @@ pub(crate) fn run(args: &Sim, global: &Global) -> anyhow::Result<ExitCode> {
     };
     let mut scenario = Scenario::open(name)?;
     if args.show {
-        return show(name, &scenario);
+        return show(name);
     }
     let Some(out) = &args.out else {
         bail!("--out: say where to write; --show prints the scenario instead");
@@ -58,7 +59,12 @@ pub(crate) fn run(args: &Sim, global: &Global) -> anyhow::Result<ExitCode> {
     })?;
     put_in_place(out, &making, &scenario.name, seed)?;
     progress.finish();
-    if !global.quiet {
+    if cases.cases.is_empty() {
+        talk(&format!(
+            "winze: note: no queries were asked for; {} holds maps and meshes alone\n",
+            out.display()
+        ));
+    } else if !global.quiet {
         print(&shares(&cases.cases))?;
         talk(&format!(
             "\n{} cases in {1}/{CASES}; look at {1}/{2}; then:\n  winze eval {1}\n",
@@ -87,10 +93,15 @@ fn list() -> anyhow::Result<ExitCode> {
 }
 
 /// The scenario's text as it was written.
-fn show(name: &str, scenario: &Scenario) -> anyhow::Result<ExitCode> {
+fn show(name: &str) -> anyhow::Result<ExitCode> {
     match scenario::builtin::text(name) {
         Some(text) => print(text)?,
-        None => print(&toml::to_string(scenario).context("the scenario cannot be printed")?)?,
+        None => {
+            print(
+                &std::fs::read_to_string(name)
+                    .with_context(|| format!("{name}: cannot be read"))?,
+            )?;
+        }
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -389,9 +400,8 @@ fn shares(cases: &[Case]) -> String {
     let mut row = |name: &str, cases: &[&Case]| {
         let count = |f: fn(&Case) -> bool| cases.iter().filter(|c| f(c)).count();
         let median = |f: fn(&Case) -> Option<f64>| {
-            let mut v: Vec<f64> = cases.iter().filter_map(|c| f(c)).collect();
-            v.sort_by(f64::total_cmp);
-            v.get(v.len() / 2).copied()
+            let values: Vec<f64> = cases.iter().filter_map(|c| f(c)).collect();
+            quantile(&values, 0.5)
         };
         let show =
             |v: Option<f64>, digits: usize| v.map_or("-".into(), |v| format!("{v:.digits$}"));

@@ -211,3 +211,114 @@ fn fit_bent(pairs: FxHashMap<[i64; 3], Pair>, otherwise: &Pose) -> (Pose, f64) {
     let n = pairs.len().max(1) as f64;
     (pose, (square / n).sqrt())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A surface return of a sensor's frame.
+    fn seen(point: [f64; 3]) -> Return {
+        let range = winze::vec3::norm(point);
+        Return {
+            direction: point.map(|c| c / range),
+            range,
+            true_range: Some(range),
+            origin: ReturnOrigin::Surface,
+            part: 0,
+            normal: [0.0, 0.0, 1.0],
+            intensity: 0.5,
+        }
+    }
+
+    /// A drive of 12 scans, a metre apart, that odometry believes to bend by up to `bend` metres and radians; the scan
+    /// at the start is taken `at_start` times. The result, and where each voxel's points were placed and truly were.
+    fn driven(bend: f64, at_start: usize) -> Gathering {
+        let query_from_world = Pose::from_rotation_vector([0.3, -0.2, 1.0], [5.0, 4.0, -2.0]);
+        let mut gatherer = QueryGatherer::new(query_from_world, 0.1, true);
+        let scan: Vec<Return> = (0..400)
+            .map(|i| {
+                let angle = 0.7 * f64::from(i);
+                let along = 0.01 * f64::from(i) - 2.0;
+                seen([along, 2.0 * libm::cos(angle), 2.0 * libm::sin(angle)])
+            })
+            .collect();
+        for i in 0..12 {
+            let way = f64::from(i);
+            let share = (way / 11.0) * (way / 11.0);
+            let truly = Pose::from_translation([way, 0.0, 1.5]);
+            let believed = truly.compose(&Pose::from_rotation_vector(
+                [0.0, 0.0, 0.1 * bend * share],
+                [0.0, bend * share, 0.0],
+            ));
+            for _ in 0..if i == 0 { at_start } else { 1 } {
+                gatherer.add(&scan, &truly, &believed, |_| 0.01, |_| false);
+            }
+        }
+        gatherer.finish(false).unwrap()
+    }
+
+    #[test]
+    fn without_a_bend_the_fit_is_the_frame_itself() {
+        let gathering = driven(0.0, 1);
+        let frame = Pose::from_rotation_vector([0.3, -0.2, 1.0], [5.0, 4.0, -2.0]).inverse();
+        let off = gathering.world_from_query.distance(&frame, [0.0; 3]);
+        assert!(off.translation < 1e-9 && off.rotation < 1e-9, "{off:?}");
+        assert!(gathering.bend_rms < 1e-9, "{}", gathering.bend_rms);
+    }
+
+    #[test]
+    fn the_truth_of_a_bent_query_is_its_best_rigid_fit() {
+        let frame = Pose::from_rotation_vector([0.3, -0.2, 1.0], [5.0, 4.0, -2.0]).inverse();
+        let bent = driven(0.4, 1);
+        let off = bent.world_from_query.distance(&frame, [0.0; 3]);
+        assert!(off.translation > 0.05, "not the first scan's: {off:?}");
+        // A point a voxel: what was seen fifty times counts as what was seen once.
+        let long = driven(0.4, 50);
+        let moved = long
+            .world_from_query
+            .distance(&bent.world_from_query, [0.0; 3]);
+        assert!(moved.translation < 0.02, "{moved:?}");
+
+        // Its own pairs: no small motion lies closer to them, and what is left is the bend.
+        let mut pairs = FxHashMap::default();
+        for i in 0..200 {
+            let x = 0.05 * f64::from(i);
+            let placed = [x, libm::sin(1.3 * x), libm::cos(0.9 * x)];
+            let truth = frame.transform([x, placed[1] + 0.01 * x * x, placed[2]]);
+            let count = 1 + i % 7;
+            let times = |p: [f64; 3]| p.map(|v| v * f64::from(count));
+            let pair = Pair {
+                placed: times(placed),
+                truth: times(truth),
+                count: count as u32,
+            };
+            pairs.insert(voxel_of(placed, 0.02), pair);
+        }
+        let rms = |pose: &Pose| {
+            let square: f64 = pairs
+                .values()
+                .map(|p: &Pair| {
+                    let mean = |sum: [f64; 3]| sum.map(|s| s / f64::from(p.count));
+                    let off = winze::vec3::sub(pose.transform(mean(p.placed)), mean(p.truth));
+                    winze::vec3::dot(off, off)
+                })
+                .sum();
+            (square / pairs.len() as f64).sqrt()
+        };
+        let (pose, bend) = fit_bent(pairs.clone(), &Pose::identity());
+        assert!((bend - rms(&pose)).abs() < 1e-12 && bend > 0.01, "{bend}");
+        let middle = pose.transform([5.0, 0.0, 0.0]);
+        for a in 0..3 {
+            for sign in [-1.0, 1.0] {
+                let mut step = [0.0; 3];
+                step[a] = sign * 1e-3;
+                for other in [
+                    pose.perturbed(step, [0.0; 3], middle),
+                    pose.perturbed([0.0; 3], step, middle),
+                ] {
+                    assert!(rms(&other) > bend, "{a} {sign}");
+                }
+            }
+        }
+    }
+}

@@ -1,7 +1,7 @@
 //! The paper's two tables, ours beside its own.
 //!
-//! Akhihiero and Gross, "Point cloud-based relocalization in underground mines", arXiv 2504.07231
-//! (2025): inlier RMSE and inlier share of five methods on six clouds. Its data is not public; ours are clouds
+//! Akhihiero and Gross, "A Pointcloud Registration Framework for Relocalization in Subterranean
+//! Environments", arXiv 2504.07231 (2025): inlier RMSE and inlier share of five methods on six clouds. Its data is not public; ours are clouds
 //! of the same kind, so that the figures compare in kind, not cloud by cloud.
 
 use std::fmt::Write as _;

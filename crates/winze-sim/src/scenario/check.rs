@@ -71,7 +71,13 @@ impl Scenario {
         if mine.mesh.is_some() && query.change.is_some() {
             return Err(refused(
                 &format!("{key}.change"),
-                "a mine from a mesh cannot be changed; give its later mesh as another mine",
+                "a mine from a mesh is changed by another mesh; give it as the query's later_mesh",
+            ));
+        }
+        if mine.mesh.is_none() && query.later_mesh.is_some() {
+            return Err(refused(
+                &format!("{key}.later_mesh"),
+                "the mine is made, not read; give a change instead",
             ));
         }
         let whole = mine.map.as_ref().is_none_or(|m| m.leave_out == 0.0);

@@ -120,7 +120,11 @@ pub struct QuerySpec {
     /// What is different from when the map was made.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub change: Option<Change>,
-    /// The mine in whose map the queries ask; their own where it is not given.
+    /// For a mine from a mesh: its mesh as these queries found it, in the same frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub later_mesh: Option<PathBuf>,
+    /// The mine in whose map the queries ask; their own where it is not given. They are nowhere in another mine's map: their
+    /// truth is null.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub asks_in: Option<String>,
     /// Where the drives lie.
@@ -269,8 +273,11 @@ impl Scenario {
         })?;
         let mut scenario = Self::parse(&text, name)?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        for mesh in scenario.mines.iter_mut().filter_map(|m| m.mesh.as_mut()) {
-            *mesh = folder.join(&*mesh);
+        for mine in &mut scenario.mines {
+            let later = mine.queries.iter_mut().map(|q| &mut q.later_mesh);
+            for mesh in later.chain([&mut mine.mesh]).flatten() {
+                *mesh = folder.join(&*mesh);
+            }
         }
         Ok(scenario)
     }

@@ -171,20 +171,21 @@ impl Play<'_> {
             None => None,
         };
         for spec in &mine.queries {
-            let changed = match spec.change {
-                Some(_) => Some(self.build(mine, Some(spec))?.0),
-                None => None,
+            let changed = if spec.change.is_some() || spec.later_mesh.is_some() {
+                Some(self.build(mine, Some(spec))?)
+            } else {
+                None
             };
-            if let Some(caster) = &changed {
+            if let Some((caster, read)) = &changed {
                 each(Made::Mesh {
                     mine: &mine.name,
                     later: Some(&spec.name),
                     mesh: caster.mesh(),
-                    read: None,
+                    read: *read,
                 })?;
             }
             let later = match &changed {
-                Some(caster) => Some(
+                Some((caster, _)) => Some(
                     self.session(mine, caster)
                         .map_err(|e| e.at(&query_name(mine, spec)))?,
                 ),
@@ -231,7 +232,8 @@ impl Play<'_> {
                 (world::build(spec, seed, change, &told)?.mesh, None)
             }
             (None, Some(path)) => {
-                let (mesh, read) = mesh_file::read_mesh(path)?;
+                let later = later.and_then(|q| q.later_mesh.as_ref());
+                let (mesh, read) = mesh_file::read_mesh(later.unwrap_or(path))?;
                 (mesh, Some(read))
             }
             (None, None) => (Mesh::default(), None),

@@ -56,6 +56,11 @@ fn errors_name_place_line_and_key() {
             "through = [[0.0, 0.0, 1.0], [9e4, 0.0, 1.0]]",
             &["60 km"],
         ),
+        (
+            "count = 3",
+            "later_mesh = \"b.ply\"",
+            &["later_mesh", "made"],
+        ),
         ("count = 3", "sensors = []", &["sensors"]),
         ("world = {", "mesh = \"a.ply\"\nworld = {", &["mesh"]),
         ("[mine.map]", "[mine.mep]", &["mep"]),
@@ -228,4 +233,70 @@ fn lines_through_rock_and_walls_out_of_reach_are_errors() {
         let e = simulate(&scenario, 1, &|_| (), |_| Ok::<(), crate::Error>(())).unwrap_err();
         assert!(e.to_string().contains(words), "{e}");
     }
+}
+
+/// A mine from a mesh that was scanned again later: what is asked is where the query lies, not whether.
+#[test]
+fn a_later_mesh_of_the_same_mine_keeps_the_truth() {
+    let folder = std::env::temp_dir().join(format!("winze_later_mesh_{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    for (name, roughness) in [("before.ply", 0.3), ("after.ply", 0.31)] {
+        let spec = WorldSpec::Wall(crate::world::Wall {
+            width: 8.0,
+            height: 3.0,
+            cell: 0.2,
+            roughness,
+            ..Default::default()
+        });
+        let world = crate::world::build(&spec, 5, None, &|_| ()).unwrap();
+        let bytes = crate::mesh_file::to_ply_bytes(&world.mesh);
+        std::fs::write(folder.join(name), bytes).unwrap();
+    }
+    let text = r#"
+    name = "later"
+    about = "test"
+    [[mine]]
+    name = "wall"
+    mesh = "before.ply"
+    [mine.map]
+    sensor = { preset = "d457", width = 60, height = 40 }
+    motion = { scan_every = 1.0, mount = [90.0, 0.0, 0.0] }
+    through = [[[1.0, -3.0, 1.5], [7.0, -3.0, 1.5]]]
+    [[mine.query]]
+    name = "again"
+    later_mesh = "after.ply"
+    sensors = [{ preset = "l515", width = 60, height = 40 }]
+    motion = { scan_every = 1.0, mount = [90.0, 0.0, 0.0] }
+    through = [[2.0, -2.5, 1.5], [6.0, -2.5, 1.5]]
+    "#;
+    let file = folder.join("later.toml");
+    std::fs::write(&file, text).unwrap();
+    let scenario = Scenario::open(file.to_str().unwrap()).unwrap();
+    let (mut meshes, mut queries) = (Vec::new(), Vec::new());
+    let played = simulate(&scenario, 1, &|_| (), |made| {
+        match made {
+            Made::Mesh {
+                mesh, later, read, ..
+            } => {
+                assert!(read.is_some());
+                meshes.push((later.map(ToOwned::to_owned), mesh.clone()));
+            }
+            Made::Query(query) => queries.push(*query),
+            Made::Map(_) => {}
+        }
+        Ok::<(), crate::Error>(())
+    });
+    std::fs::remove_dir_all(&folder).unwrap();
+    played.unwrap();
+    assert_eq!(meshes.len(), 2);
+    assert_eq!(
+        (meshes[0].0.as_deref(), meshes[1].0.as_deref()),
+        (None, Some("again"))
+    );
+    assert_ne!(meshes[0].1, meshes[1].1);
+    let case = &queries[0].case;
+    assert!(
+        case.truth.is_some() && case.overlap.unwrap() > 0.9,
+        "{case:?}"
+    );
 }
