@@ -29,6 +29,12 @@ impl Table {
         self.rows.push(cells);
     }
 
+    /// It has no rows.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
     /// Columns two blanks apart.
     #[must_use]
     pub fn to_text(&self) -> String {

@@ -16,7 +16,8 @@ use anyhow::{Context as _, bail};
 use winze::Method;
 use winze_io::atomic;
 use winze_report::evaluation::{
-    CLOUDS, Evaluation, Labelled, Paper, accuracy, answers, costs, label_table, labels, summaries,
+    CLOUDS, Evaluation, Labelled, Paper, accuracy, answers, costs, label_table, labels, step_table,
+    steps, summaries,
 };
 
 use crate::args::{Eval, Global};
@@ -105,6 +106,7 @@ pub(crate) fn run(args: &Eval, global: &Global) -> anyhow::Result<ExitCode> {
             bend_rms_m: c.bend_rms_m,
         })),
         summaries: summaries(&runs),
+        steps: steps(&runs),
         costs,
         errors,
         paper: args.paper.then(|| Paper::of(&runs)),
@@ -225,6 +227,15 @@ fn text(e: &Evaluation) -> String {
         let _ = writeln!(out, "{}", answers(&e.summaries).to_text());
         let _ = writeln!(out, "{}", accuracy(&e.summaries).to_text());
         out += "m and °: errors of right poses, across what is unobservable; all m: of every pose of a query in the map.\n";
+        let steps = step_table(&e.steps);
+        if !steps.is_empty() {
+            let _ = write!(
+                out,
+                "\n{}\nOf poses that are right before a refiner: nearer to the truth after it or further from it, by more than 2 mm; right \
+                 no more (lost), or only now (won).\n",
+                steps.to_text()
+            );
+        }
     }
     let _ = write!(out, "\n{}", costs(&e.costs).to_text());
     if e.jobs > 1 {

@@ -15,6 +15,7 @@ mod mark;
 mod page;
 mod paper;
 mod rates;
+mod steps;
 mod summary;
 mod tables;
 
@@ -23,8 +24,9 @@ pub use mark::{Case, Class, Direction, Mark, Tolerance, mark};
 pub use page::{Exhibit, evaluation_page};
 pub use paper::{CLOUDS, Paper, PaperCell};
 pub use rates::{Quantiles, Rate, quantile};
+pub use steps::{Step, steps};
 pub use summary::{MapCost, MethodCost, Summary, summaries};
-pub use tables::{accuracy, answers, costs, label_table};
+pub use tables::{accuracy, answers, costs, label_table, step_table};
 
 use serde::{Deserialize, Serialize};
 use winze::Verdict;
@@ -115,6 +117,8 @@ pub struct Evaluation {
     pub labels: Vec<Labels>,
     /// Rates and errors per method and family, and over all families (family null).
     pub summaries: Vec<Summary>,
+    /// What each refiner makes of right poses, where the methods before and after it were run.
+    pub steps: Vec<Step>,
     /// Time on maps and memory, per method.
     pub costs: Vec<MethodCost>,
     /// Cases without an answer.

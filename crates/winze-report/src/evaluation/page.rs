@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
-use super::tables::{accuracy, answers, costs, label_table};
+use super::tables::{accuracy, answers, costs, label_table, step_table};
 use super::{Class, Evaluation, Run};
 use crate::page::{STYLE, escape};
 
@@ -65,6 +65,7 @@ pub fn evaluation_page(
         ),
         ("Answers", ANSWERS, answers(&e.summaries)),
         ("Accuracy and time", ACCURACY, accuracy(&e.summaries)),
+        ("What each refiner does", STEPS, step_table(&e.steps)),
         (
             "Maps and memory",
             if e.together { TOGETHER } else { APART },
@@ -72,6 +73,9 @@ pub fn evaluation_page(
         ),
     ];
     for (title, note, table) in parts {
+        if table.is_empty() {
+            continue;
+        }
         let _ = write!(out, "<h2>{title}</h2><p>{note}</p>{}", table.to_html());
     }
     if !e.errors.is_empty() {
@@ -104,6 +108,8 @@ const ANSWERS: &str = "Recall: located within the case's tolerance, of the cases
      does not hold the query. Refused: not answered though an answer was there to be had. Right: the right thing said. \
      Pose right: the best pose is within tolerance, whatever the verdict. Wilson 95 % intervals, which take runs as \
      independent.";
+const STEPS: &str = "Right poses of the method before, in pairs of case and seed: nearer to the truth after the refiner or \
+     further from it, by more than 2 mm across what is unobservable; right no more (lost), or only now (won).";
 const APART: &str =
     "Each method in a process of its own; a map that several cases share is prepared once.";
 const TOGETHER: &str = "All methods in one process, which does the work that they share once: seconds are \
@@ -144,6 +150,7 @@ fn figure(out: &mut String, exhibit: &Exhibit<'_>) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::steps;
     use super::*;
     use crate::evaluation::{Mark, labels, summaries, tests::run};
 
@@ -162,6 +169,7 @@ mod tests {
             seeds: vec![0],
             labels: labels([]),
             summaries: summaries(&runs),
+            steps: steps(&runs),
             costs: Vec::new(),
             errors: Vec::new(),
             paper: None,

@@ -2,6 +2,7 @@
 
 use super::labels::Labels;
 use super::rates::{Quantiles, Rate};
+use super::steps::Step;
 use super::summary::{MethodCost, Summary};
 use crate::table::Table;
 
@@ -76,6 +77,45 @@ pub fn accuracy(summaries: &[Summary]) -> Table {
             number(s.seconds, |q| q.max, 2),
             number(s.translation_m_of_all, |q| q.median, 2),
             number(s.translation_m_of_all, |q| q.p95, 2),
+        ]);
+    }
+    table
+}
+
+/// What each refiner makes of the poses before it.
+#[must_use]
+pub fn step_table(steps: &[Step]) -> Table {
+    let mut table = Table::new(
+        3,
+        &[
+            "before",
+            "after",
+            "family",
+            "right before",
+            "better",
+            "worse",
+            "lost",
+            "won",
+            "m p50 before",
+            "after",
+            "largest loss m",
+            "of case",
+        ],
+    );
+    for s in steps {
+        table.row(vec![
+            s.before.clone(),
+            s.after.clone(),
+            family(s.family.as_deref()),
+            s.right_before.to_string(),
+            s.better.to_string(),
+            s.worse.to_string(),
+            s.lost.to_string(),
+            s.won.to_string(),
+            decimal(s.median_before_m, 3),
+            decimal(s.median_after_m, 3),
+            decimal(s.largest_loss.as_ref().map(|_| s.largest_loss_m), 3),
+            s.largest_loss.clone().unwrap_or_else(|| "-".into()),
         ]);
     }
     table

@@ -1,0 +1,165 @@
+//! What each refiner makes of the poses that the methods share before it, in pairs: same case, same seed.
+
+use std::collections::HashMap;
+
+use serde::Serialize;
+
+use super::Run;
+use super::rates::quantile;
+use super::summary::distinct;
+
+/// Methods that differ by one refiner.
+const STEPS: [(&str, &str); 4] = [
+    ("fpfh", "fpfh+ndt"),
+    ("fpfh", "fpfh+icp"),
+    ("fpfh+ndt", "fpfh+ndt+icp"),
+    ("fpfh+icp", "fpfh+ndt+icp"),
+];
+
+/// Displacements that differ by less than this are called the same, metres.
+const SAME: f64 = 0.002;
+
+/// A refiner's effect on the right poses of one family. Displacements are those of the query's centroid, across what the case
+/// leaves open.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Step {
+    /// The method without the refiner.
+    pub before: String,
+    /// The method with it.
+    pub after: String,
+    /// The family; null for all together.
+    pub family: Option<String>,
+    /// Runs whose pose is right before.
+    pub right_before: usize,
+    /// Of those, nearer to the truth after, by more than 2 mm.
+    pub better: usize,
+    /// Further from it, by more than 2 mm, or without a pose.
+    pub worse: usize,
+    /// Right no more.
+    pub lost: usize,
+    /// Runs whose pose is wrong before and right after.
+    pub won: usize,
+    /// Median displacement of those that were right before, metres.
+    pub median_before_m: Option<f64>,
+    /// And after.
+    pub median_after_m: Option<f64>,
+    /// The most that one lost, metres.
+    pub largest_loss_m: f64,
+    /// The case that lost it; null where none lost anything.
+    pub largest_loss: Option<String>,
+}
+
+/// The steps between the methods that were run, per family and over all.
+#[must_use]
+pub fn steps(runs: &[Run]) -> Vec<Step> {
+    let families = distinct(runs.iter().map(|r| r.family.as_str()));
+    let groups: Vec<Option<&str>> = families.into_iter().map(Some).chain([None]).collect();
+    let mut out = Vec::new();
+    for (before, after) in STEPS {
+        for family in &groups {
+            let step = step(runs, before, after, *family);
+            out.extend(step.filter(|s| s.right_before + s.won > 0));
+        }
+    }
+    out
+}
+
+/// `None` where the two methods have no run in common.
+fn step(runs: &[Run], before: &str, after: &str, family: Option<&str>) -> Option<Step> {
+    let of = |method: &str| {
+        let method = method.to_owned();
+        runs.iter()
+            .filter(move |r| r.method == method && family.is_none_or(|f| r.family == f))
+    };
+    let afterwards: HashMap<(&str, u64), &Run> =
+        of(after).map(|r| ((r.case.as_str(), r.seed), r)).collect();
+    let mut step = Step {
+        before: before.into(),
+        after: after.into(),
+        family: family.map(Into::into),
+        right_before: 0,
+        better: 0,
+        worse: 0,
+        lost: 0,
+        won: 0,
+        median_before_m: None,
+        median_after_m: None,
+        largest_loss_m: 0.0,
+        largest_loss: None,
+    };
+    let (mut displaced, mut pairs) = ([Vec::new(), Vec::new()], 0);
+    for b in of(before) {
+        let Some(a) = afterwards.get(&(b.case.as_str(), b.seed)) else {
+            continue;
+        };
+        pairs += 1;
+        if !b.mark.pose_right {
+            step.won += usize::from(a.mark.pose_right);
+            continue;
+        }
+        step.right_before += 1;
+        step.lost += usize::from(!a.mark.pose_right);
+        let [was, is] = [b, *a].map(|r| r.mark.observable_translation_m.unwrap_or(f64::INFINITY));
+        displaced[0].push(was);
+        displaced[1].push(is);
+        step.better += usize::from(is < was - SAME);
+        step.worse += usize::from(is > was + SAME);
+        if is.is_finite() && is - was > step.largest_loss_m {
+            step.largest_loss_m = is - was;
+            step.largest_loss = Some(b.case.clone());
+        }
+    }
+    step.median_before_m = quantile(&displaced[0], 0.5);
+    step.median_after_m = quantile(&displaced[1], 0.5);
+    (pairs > 0).then_some(step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::run;
+    use super::super::{Class, Mark};
+    use super::*;
+
+    fn at(method: &str, case: &str, family: &str, displaced: f64) -> Run {
+        let mark = Mark {
+            pose_right: displaced < 0.5,
+            has_truth: true,
+            observable_translation_m: Some(displaced),
+            ..Mark::default()
+        };
+        Run {
+            case: case.into(),
+            ..run(method, family, Class::Right, mark)
+        }
+    }
+
+    #[test]
+    fn pairs_are_of_one_case_and_only_right_poses_can_be_made_worse() {
+        let runs = [
+            at("fpfh", "a", "x", 0.10),
+            at("fpfh", "b", "x", 0.04),
+            at("fpfh", "c", "x", 3.00),
+            at("fpfh", "d", "y", 0.20),
+            at("fpfh", "alone", "y", 0.20),
+            at("fpfh+ndt", "d", "y", 0.201),
+            at("fpfh+ndt", "c", "x", 0.02),
+            at("fpfh+ndt", "b", "x", 0.60),
+            at("fpfh+ndt", "a", "x", 0.01),
+        ];
+        let found = steps(&runs);
+        assert_eq!(found.len(), 3, "{found:?}");
+        let (x, y, all) = (&found[0], &found[1], &found[2]);
+        assert_eq!(
+            (x.right_before, x.better, x.worse, x.lost, x.won),
+            (2, 1, 1, 1, 1)
+        );
+        assert_eq!(
+            (x.median_before_m, x.median_after_m),
+            (Some(0.07), Some(0.305))
+        );
+        assert!((x.largest_loss_m - 0.56).abs() < 1e-12);
+        assert_eq!(x.largest_loss.as_deref(), Some("b"));
+        assert_eq!((y.right_before, y.better, y.worse), (1, 0, 0));
+        assert_eq!((all.right_before, all.family.as_deref()), (3, None));
+    }
+}
