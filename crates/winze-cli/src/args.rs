@@ -161,7 +161,8 @@ pub(crate) struct Eval {
     /// Only cases of this family, `*` for anything; may be repeated.
     #[arg(long, value_name = "PATTERN")]
     pub(crate) family: Vec<String>,
-    /// Of those, only every N-th.
+    /// Of those, only every N-th. In the built-in scenarios sensors and attitudes take turns: an N without the factors 2
+    /// and 3, such as 5 or 7, meets them all.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = stride)]
     pub(crate) every: usize,
     /// Run all methods in one process, which does the work that they share once. Sooner done, but seconds and memory
