@@ -234,7 +234,7 @@ impl<'a> Folder<'a> {
             } => {
                 let name = later.map_or(mine.to_owned(), |later| format!("{mine}+{later}"));
                 tracing::info!("{name}: {} triangles", mesh.triangles().len());
-                if let Some(note) = read.and_then(|read| note(mine, &read)) {
+                if let Some(note) = read.and_then(|read| note(&name, &read)) {
                     talk(&note);
                 }
                 if self.mesh {

@@ -8,6 +8,7 @@ use std::fmt::Write as _;
 
 use serde::Serialize;
 
+use super::rates::median_of_all;
 use super::tables::decimal;
 use super::{Inliers, Run};
 use crate::page::escape;
@@ -363,21 +364,6 @@ fn at_ceiling(ours: &Inliers, ceiling: &Inliers) -> bool {
         _ => false,
     };
     fine && ours.fraction >= ceiling.fraction - SHORT
-}
-
-/// The median over all values, infinite ones among them; `None` where it is itself infinite.
-fn median_of_all(values: &[f64]) -> Option<f64> {
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let middle = sorted.len() / 2;
-    let above = *sorted.get(middle)?;
-    let below = if sorted.len().is_multiple_of(2) {
-        *sorted.get(middle.checked_sub(1)?)?
-    } else {
-        above
-    };
-    let median = 0.5 * (below + above);
-    median.is_finite().then_some(median)
 }
 
 fn spread_of_all(values: &[f64]) -> Option<Spread> {

@@ -100,6 +100,21 @@ pub fn quantile(values: &[f64], q: f64) -> Option<f64> {
     Some(a + (b - a) * (at - at.floor()))
 }
 
+/// The median over all values, infinite ones among them; `None` where it is itself infinite.
+pub(super) fn median_of_all(values: &[f64]) -> Option<f64> {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let middle = sorted.len() / 2;
+    let above = *sorted.get(middle)?;
+    let below = if sorted.len().is_multiple_of(2) {
+        *sorted.get(middle.checked_sub(1)?)?
+    } else {
+        above
+    };
+    let median = 0.5 * (below + above);
+    median.is_finite().then_some(median)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use serde::Serialize;
 
 use super::Run;
-use super::rates::quantile;
+use super::rates::median_of_all;
 use super::summary::distinct;
 
 /// Methods that differ by one refiner.
@@ -41,9 +41,9 @@ pub struct Step {
     pub won: usize,
     /// Median displacement of those that were right before, metres.
     pub median_before_m: Option<f64>,
-    /// And after.
+    /// And after; one that has no pose counts as the worst there is.
     pub median_after_m: Option<f64>,
-    /// The most that one lost, metres.
+    /// The most that one lost that kept a pose, metres.
     pub largest_loss_m: f64,
     /// The case that lost it; null where none lost anything.
     pub largest_loss: Option<String>,
@@ -109,8 +109,8 @@ fn step(runs: &[Run], before: &str, after: &str, family: Option<&str>) -> Option
             step.largest_loss = Some(b.case.clone());
         }
     }
-    step.median_before_m = quantile(&displaced[0], 0.5);
-    step.median_after_m = quantile(&displaced[1], 0.5);
+    step.median_before_m = median_of_all(&displaced[0]);
+    step.median_after_m = median_of_all(&displaced[1]);
     (pairs > 0).then_some(step)
 }
 
@@ -124,7 +124,7 @@ mod tests {
         let mark = Mark {
             pose_right: displaced < 0.5,
             has_truth: true,
-            observable_translation_m: Some(displaced),
+            observable_translation_m: displaced.is_finite().then_some(displaced),
             ..Mark::default()
         };
         Run {
@@ -141,7 +141,7 @@ mod tests {
             at("fpfh", "c", "x", 3.00),
             at("fpfh", "d", "y", 0.20),
             at("fpfh", "alone", "y", 0.20),
-            at("fpfh+ndt", "d", "y", 0.201),
+            at("fpfh+ndt", "d", "y", f64::INFINITY),
             at("fpfh+ndt", "c", "x", 0.02),
             at("fpfh+ndt", "b", "x", 0.60),
             at("fpfh+ndt", "a", "x", 0.01),
@@ -159,7 +159,8 @@ mod tests {
         );
         assert!((x.largest_loss_m - 0.56).abs() < 1e-12);
         assert_eq!(x.largest_loss.as_deref(), Some("b"));
-        assert_eq!((y.right_before, y.better, y.worse), (1, 0, 0));
+        assert_eq!((y.right_before, y.worse, y.lost), (1, 1, 1));
+        assert_eq!((y.median_after_m, y.largest_loss.as_deref()), (None, None));
         assert_eq!((all.right_before, all.family.as_deref()), (3, None));
     }
 }

@@ -63,6 +63,14 @@ pub struct MeshReport {
 /// [`Error::MeshFile`] where the file cannot be opened, has an unknown extension, ends too early or is
 /// malformed; where it has no triangle that could be hit.
 pub fn read_mesh(path: &Path) -> Result<(Mesh, MeshReport)> {
+    read_mesh_about(path, None)
+}
+
+/// Reads a mesh as [`read_mesh`], but with this `origin` subtracted, that of another mesh in whose frame it is to be.
+///
+/// # Errors
+/// As [`read_mesh`].
+pub fn read_mesh_about(path: &Path, origin: Option<[f64; 3]>) -> Result<(Mesh, MeshReport)> {
     let wrong = |why: String| Error::MeshFile {
         path: path.to_path_buf(),
         why,
@@ -70,7 +78,7 @@ pub fn read_mesh(path: &Path) -> Result<(Mesh, MeshReport)> {
     let format = MeshFormat::of(path)
         .ok_or_else(|| wrong("no mesh by its name: .ply, .stl and .obj are read".into()))?;
     let bytes = std::fs::read(path).map_err(|e| wrong(format!("cannot be read: {e}")))?;
-    read(&bytes, format).map_err(wrong)
+    read(&bytes, format, origin).map_err(wrong)
 }
 
 /// Reads a mesh from memory, as [`read_mesh`].
@@ -78,7 +86,7 @@ pub fn read_mesh(path: &Path) -> Result<(Mesh, MeshReport)> {
 /// # Errors
 /// As [`read_mesh`]; the path is empty.
 pub fn read_mesh_bytes(bytes: &[u8], format: MeshFormat) -> Result<(Mesh, MeshReport)> {
-    read(bytes, format).map_err(|why| Error::MeshFile {
+    read(bytes, format, None).map_err(|why| Error::MeshFile {
         path: "(memory)".into(),
         why,
     })
@@ -95,13 +103,17 @@ pub fn write_mesh(path: &Path, mesh: &Mesh) -> Result<()> {
     })
 }
 
-fn read(bytes: &[u8], format: MeshFormat) -> std::result::Result<(Mesh, MeshReport), String> {
+fn read(
+    bytes: &[u8],
+    format: MeshFormat,
+    origin: Option<[f64; 3]>,
+) -> std::result::Result<(Mesh, MeshReport), String> {
     let raw = match format {
         MeshFormat::Ply => ply::read(bytes),
         MeshFormat::Stl => stl::read(bytes),
         MeshFormat::Obj => obj::read(bytes),
     }?;
-    raw.finish()
+    raw.finish(origin)
 }
 
 /// What a file holds, before it is a mesh.
@@ -126,7 +138,10 @@ impl Raw {
         }
     }
 
-    fn finish(mut self) -> std::result::Result<(Mesh, MeshReport), String> {
+    fn finish(
+        mut self,
+        origin: Option<[f64; 3]>,
+    ) -> std::result::Result<(Mesh, MeshReport), String> {
         let found = self.triangles.len();
         if found == 0 {
             return Err(format!(
@@ -134,7 +149,8 @@ impl Raw {
                 self.vertices.len()
             ));
         }
-        let origin = self.move_to_origin();
+        let origin = origin.unwrap_or_else(|| self.middle());
+        self.move_by(origin);
         if self.part_of.len() != found || self.parts.is_empty() {
             self.part_of = vec![0; found];
             self.parts = vec![Part {
@@ -198,8 +214,8 @@ impl Raw {
     }
 
     /// Subtracts the rounded median of each coordinate where it is far from zero, and gives it.
-    fn move_to_origin(&mut self) -> [f64; 3] {
-        let origin: [f64; 3] = std::array::from_fn(|a| {
+    fn middle(&self) -> [f64; 3] {
+        std::array::from_fn(|a| {
             let mut values: Vec<f64> = self
                 .vertices
                 .iter()
@@ -216,13 +232,15 @@ impl Raw {
             } else {
                 0.0
             }
-        });
+        })
+    }
+
+    fn move_by(&mut self, origin: [f64; 3]) {
         if origin != [0.0; 3] {
             for v in &mut self.vertices {
                 *v = std::array::from_fn(|a| v[a] - origin[a]);
             }
         }
-        origin
     }
 }
 

@@ -146,7 +146,7 @@ impl Play<'_> {
         mine: &Mine,
         each: &mut impl FnMut(Made<'_>) -> std::result::Result<(), E>,
     ) -> std::result::Result<(), E> {
-        let (caster, read) = self.build(mine, None)?;
+        let (caster, read) = self.build(mine, None, None)?;
         each(Made::Mesh {
             mine: &mine.name,
             later: None,
@@ -172,7 +172,7 @@ impl Play<'_> {
         };
         for spec in &mine.queries {
             let changed = if spec.change.is_some() || spec.later_mesh.is_some() {
-                Some(self.build(mine, Some(spec))?)
+                Some(self.build(mine, Some(spec), read.map(|r| r.origin))?)
             } else {
                 None
             };
@@ -213,11 +213,12 @@ impl Play<'_> {
         Rng::new(self.seed, h ^ index as u64).next_u64()
     }
 
-    /// The mine as it was mapped, or as it is for some of its queries.
+    /// The mine as it was mapped, or as it is for some of its queries. `origin`: what was subtracted from the first mesh.
     fn build(
         &self,
         mine: &Mine,
         later: Option<&QuerySpec>,
+        origin: Option<[f64; 3]>,
     ) -> Result<(Caster, Option<MeshReport>)> {
         let change = later.and_then(|q| q.change.as_ref());
         let what = match later {
@@ -233,7 +234,7 @@ impl Play<'_> {
             }
             (None, Some(path)) => {
                 let later = later.and_then(|q| q.later_mesh.as_ref());
-                let (mesh, read) = mesh_file::read_mesh(later.unwrap_or(path))?;
+                let (mesh, read) = mesh_file::read_mesh_about(later.unwrap_or(path), origin)?;
                 (mesh, Some(read))
             }
             (None, None) => (Mesh::default(), None),

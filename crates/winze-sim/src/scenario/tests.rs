@@ -240,35 +240,50 @@ fn lines_through_rock_and_walls_out_of_reach_are_errors() {
 fn a_later_mesh_of_the_same_mine_keeps_the_truth() {
     let folder = std::env::temp_dir().join(format!("winze_later_mesh_{}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
-    for (name, roughness) in [("before.ply", 0.3), ("after.ply", 0.31)] {
+    // On a survey grid, and the later scan reaches further: their medians are not the same.
+    for (name, roughness, width) in [("before.obj", 0.3, 8.0), ("after.obj", 0.3, 12.0)] {
         let spec = WorldSpec::Wall(crate::world::Wall {
-            width: 8.0,
+            width,
             height: 3.0,
             cell: 0.2,
             roughness,
             ..Default::default()
         });
-        let world = crate::world::build(&spec, 5, None, &|_| ()).unwrap();
-        let bytes = crate::mesh_file::to_ply_bytes(&world.mesh);
-        std::fs::write(folder.join(name), bytes).unwrap();
+        let mesh = crate::world::build(&spec, 5, None, &|_| ()).unwrap().mesh;
+        let mut text = String::new();
+        for v in mesh.vertices() {
+            let [x, y, z] = v.map(f64::from);
+            text += &format!("v {} {} {}\n", x + 431_000.0, y + 5_400_000.0, z);
+        }
+        for t in mesh.triangles() {
+            let [a, b, c] = t.map(|i| i + 1);
+            text += &format!("f {a} {b} {c}\n");
+        }
+        std::fs::write(folder.join(name), text).unwrap();
     }
-    let text = r#"
+    let (before, _) = crate::mesh_file::read_mesh(&folder.join("before.obj")).unwrap();
+    let (low, high) = before.bounds().unwrap();
+    let middle = 0.5 * (f64::from(low[0]) + f64::from(high[0]));
+    let (y, from, to) = (f64::from(low[1]) - 2.5, middle - 2.0, middle + 2.0);
+    let text = format!(
+        r#"
     name = "later"
     about = "test"
     [[mine]]
     name = "wall"
-    mesh = "before.ply"
+    mesh = "before.obj"
     [mine.map]
-    sensor = { preset = "d457", width = 60, height = 40 }
-    motion = { scan_every = 1.0, mount = [90.0, 0.0, 0.0] }
-    through = [[[1.0, -3.0, 1.5], [7.0, -3.0, 1.5]]]
+    sensor = {{ preset = "d457", width = 60, height = 40 }}
+    motion = {{ scan_every = 1.0, mount = [90.0, 0.0, 0.0] }}
+    through = [[[{from}, {y}, 1.5], [{to}, {y}, 1.5]]]
     [[mine.query]]
     name = "again"
-    later_mesh = "after.ply"
-    sensors = [{ preset = "l515", width = 60, height = 40 }]
-    motion = { scan_every = 1.0, mount = [90.0, 0.0, 0.0] }
-    through = [[2.0, -2.5, 1.5], [6.0, -2.5, 1.5]]
-    "#;
+    later_mesh = "after.obj"
+    sensors = [{{ preset = "l515", width = 60, height = 40 }}]
+    motion = {{ scan_every = 1.0, mount = [90.0, 0.0, 0.0] }}
+    through = [[{from}, {y}, 1.5], [{to}, {y}, 1.5]]
+    "#
+    );
     let file = folder.join("later.toml");
     std::fs::write(&file, text).unwrap();
     let scenario = Scenario::open(file.to_str().unwrap()).unwrap();
@@ -278,8 +293,8 @@ fn a_later_mesh_of_the_same_mine_keeps_the_truth() {
             Made::Mesh {
                 mesh, later, read, ..
             } => {
-                assert!(read.is_some());
-                meshes.push((later.map(ToOwned::to_owned), mesh.clone()));
+                let origin = read.map(|r| r.origin);
+                meshes.push((later.map(ToOwned::to_owned), mesh.clone(), origin));
             }
             Made::Query(query) => queries.push(*query),
             Made::Map(_) => {}
@@ -294,6 +309,8 @@ fn a_later_mesh_of_the_same_mine_keeps_the_truth() {
         (None, Some("again"))
     );
     assert_ne!(meshes[0].1, meshes[1].1);
+    assert_eq!(meshes[0].2, meshes[1].2, "one frame");
+    assert!(meshes[0].2.unwrap()[0] > 400_000.0);
     let case = &queries[0].case;
     assert!(
         case.truth.is_some() && case.overlap.unwrap() > 0.9,
