@@ -94,14 +94,11 @@ fn list() -> anyhow::Result<ExitCode> {
 
 /// The scenario's text as it was written.
 fn show(name: &str) -> anyhow::Result<ExitCode> {
-    match scenario::builtin::text(name) {
-        Some(text) => print(text)?,
-        None => {
-            print(
-                &std::fs::read_to_string(name)
-                    .with_context(|| format!("{name}: cannot be read"))?,
-            )?;
-        }
+    if let Some(text) = scenario::builtin::text(name) {
+        print(text)?;
+    } else {
+        let text = std::fs::read_to_string(name);
+        print(&text.with_context(|| format!("{name}: cannot be read"))?)?;
     }
     Ok(ExitCode::SUCCESS)
 }

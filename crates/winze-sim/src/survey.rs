@@ -231,7 +231,7 @@ mod tests {
     }
 
     /// A drive of 12 scans, a metre apart, that odometry believes to bend by up to `bend` metres and radians; the scan
-    /// at the start is taken `at_start` times. The result, and where each voxel's points were placed and truly were.
+    /// at the start is taken `at_start` times.
     fn driven(bend: f64, at_start: usize) -> Gathering {
         let query_from_world = Pose::from_rotation_vector([0.3, -0.2, 1.0], [5.0, 4.0, -2.0]);
         let mut gatherer = QueryGatherer::new(query_from_world, 0.1, true);

@@ -7,9 +7,8 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use winze::Pose;
 use winze::degeneracy::DirectionKind;
-use winze_report::evaluation::{Case as Truth, Direction, Tolerance};
-
 use winze_io::digest;
+use winze_report::evaluation::{Case as Truth, Direction, Tolerance};
 
 /// One case as the file holds it, its paths made to count from where the program runs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

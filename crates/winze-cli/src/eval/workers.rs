@@ -50,7 +50,7 @@ pub(super) fn work(
             said => {
                 match &said {
                     Said::Map { cost: map, peak } => {
-                        cost.maps.push(map.clone());
+                        cost.add_maps([map.clone()]);
                         cost.peak_memory_bytes = cost.peak_memory_bytes.max(*peak);
                     }
                     Said::Trouble { .. } => cost.errors += 1,

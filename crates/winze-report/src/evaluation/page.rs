@@ -150,9 +150,8 @@ fn figure(out: &mut String, exhibit: &Exhibit<'_>) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::steps;
     use super::*;
-    use crate::evaluation::{Mark, labels, summaries, tests::run};
+    use crate::evaluation::{Mark, labels, steps, summaries, tests::run};
 
     #[test]
     fn the_page_is_whole_and_offline() {

@@ -21,7 +21,7 @@ const SAME: f64 = 0.002;
 
 /// A refiner's effect on the right poses of one family. Displacements are those of the query's centroid, across what the case
 /// leaves open.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
 pub struct Step {
     /// The method without the refiner.
     pub before: String,
@@ -58,41 +58,33 @@ pub fn steps(runs: &[Run]) -> Vec<Step> {
     for (before, after) in STEPS {
         for family in &groups {
             let step = step(runs, before, after, *family);
-            out.extend(step.filter(|s| s.right_before + s.won > 0));
+            if step.right_before + step.won > 0 {
+                out.push(step);
+            }
         }
     }
     out
 }
 
-/// `None` where the two methods have no run in common.
-fn step(runs: &[Run], before: &str, after: &str, family: Option<&str>) -> Option<Step> {
-    let of = |method: &str| {
-        let method = method.to_owned();
-        runs.iter()
-            .filter(move |r| r.method == method && family.is_none_or(|f| r.family == f))
-    };
-    let afterwards: HashMap<(&str, u64), &Run> =
-        of(after).map(|r| ((r.case.as_str(), r.seed), r)).collect();
+/// Of the runs that both methods have.
+fn step(runs: &[Run], before: &str, after: &str, family: Option<&str>) -> Step {
+    let of_family = |r: &&Run| family.is_none_or(|f| r.family == f);
+    let afterwards: HashMap<(&str, u64), &Run> = runs
+        .iter()
+        .filter(|r| r.method == after)
+        .map(|r| ((r.case.as_str(), r.seed), r))
+        .collect();
     let mut step = Step {
         before: before.into(),
         after: after.into(),
         family: family.map(Into::into),
-        right_before: 0,
-        better: 0,
-        worse: 0,
-        lost: 0,
-        won: 0,
-        median_before_m: None,
-        median_after_m: None,
-        largest_loss_m: 0.0,
-        largest_loss: None,
+        ..Step::default()
     };
-    let (mut displaced, mut pairs) = ([Vec::new(), Vec::new()], 0);
-    for b in of(before) {
+    let mut displaced = [Vec::new(), Vec::new()];
+    for b in runs.iter().filter(|r| r.method == before).filter(of_family) {
         let Some(a) = afterwards.get(&(b.case.as_str(), b.seed)) else {
             continue;
         };
-        pairs += 1;
         if !b.mark.pose_right {
             step.won += usize::from(a.mark.pose_right);
             continue;
@@ -111,7 +103,7 @@ fn step(runs: &[Run], before: &str, after: &str, family: Option<&str>) -> Option
     }
     step.median_before_m = median_of_all(&displaced[0]);
     step.median_after_m = median_of_all(&displaced[1]);
-    (pairs > 0).then_some(step)
+    step
 }
 
 #[cfg(test)]

@@ -86,7 +86,8 @@ pub struct MapCost {
 }
 
 impl MethodCost {
-    /// Adds maps. One that is already there was prepared again after a run that was cut short, and counts once.
+    /// Adds maps. One that is already there was prepared again, since a process died or an evaluation was cut short, and
+    /// counts once.
     pub fn add_maps(&mut self, maps: impl IntoIterator<Item = MapCost>) {
         for new in maps {
             if !self.maps.iter().any(|own| own.map == new.map) {

@@ -1,3 +1,5 @@
+use winze::vec3::distance;
+
 use super::*;
 
 const TOLERANCE: Tolerance = Tolerance {

@@ -213,7 +213,7 @@ impl Raw {
         (vertices, triangles)
     }
 
-    /// Subtracts the rounded median of each coordinate where it is far from zero, and gives it.
+    /// The rounded median of each coordinate where that is far from zero, else zero.
     fn middle(&self) -> [f64; 3] {
         std::array::from_fn(|a| {
             let mut values: Vec<f64> = self
