@@ -62,6 +62,7 @@
 //! Metres, radians and seconds; right-handed frames; `a_from_b` takes points of frame b to frame a.
 
 pub mod cloud;
+pub mod columns;
 pub mod config;
 pub mod degeneracy;
 pub mod denoise;
