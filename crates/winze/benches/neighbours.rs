@@ -22,7 +22,7 @@ const K: usize = 20;
 
 static CLOUD: LazyLock<Vec<[f32; 3]>> = LazyLock::new(|| tunnel(POINTS, 0.0, 1));
 static NEAR: LazyLock<Vec<[f32; 3]>> = LazyLock::new(|| tunnel(QUERIES, 0.05, 2));
-static OURS: LazyLock<KdTree> = LazyLock::new(|| KdTree::build(&CLOUD));
+static OURS: LazyLock<KdTree<'static>> = LazyLock::new(|| KdTree::build(&CLOUD));
 static KIDDO: LazyLock<ImmutableKdTree<f32, 3>> =
     LazyLock::new(|| ImmutableKdTree::new_from_slice(&CLOUD).unwrap());
 

@@ -128,6 +128,12 @@ impl Cloud {
         &self.points
     }
 
+    /// The offsets alone.
+    #[must_use]
+    pub fn into_points(self) -> Vec<[f32; 3]> {
+        self.points
+    }
+
     /// One intensity a point, where the file had them.
     #[must_use]
     pub fn intensity(&self) -> Option<&[f32]> {
@@ -182,6 +188,15 @@ impl Cloud {
                 .as_ref()
                 .map(|v| indices.iter().map(|&i| v[i as usize]).collect()),
             viewpoint: self.viewpoint,
+        }
+    }
+
+    /// Offsets that are known to be finite and in reach.
+    pub(crate) fn from_offsets(origin: [f64; 3], points: Vec<[f32; 3]>) -> Self {
+        Self {
+            origin,
+            points,
+            ..Self::default()
         }
     }
 

@@ -31,14 +31,34 @@ pub fn within_range(cloud: &Cloud, centre: [f64; 3], min: f64, max: f64) -> Vec<
 #[must_use]
 pub fn statistical(
     points: &[[f32; 3]],
-    tree: &KdTree,
+    tree: &KdTree<'_>,
     neighbours: usize,
     deviations: f64,
 ) -> Vec<u32> {
+    let mut keep = vec![1; points.len()];
+    mark_statistical(
+        &mut keep,
+        &mut vec![0.0; points.len()],
+        points,
+        tree,
+        (neighbours, deviations),
+    );
+    kept(&keep)
+}
+
+/// As [`statistical`] with its `(neighbours, deviations)`: sets to 0 the marks of the points that go.
+/// `mean_distance` is scratch space, one a point.
+pub(crate) fn mark_statistical(
+    keep: &mut [u8],
+    mean_distance: &mut [f64],
+    points: &[[f32; 3]],
+    tree: &KdTree<'_>,
+    (neighbours, deviations): (usize, f64),
+) {
     if neighbours == 0 || points.len() < 2 {
-        return all(points.len());
+        return;
     }
-    let mean_distance = parallel::map_with(points.len(), Vec::new, |found, i| {
+    parallel::fill(mean_distance, Vec::new, |found, i| {
         // One more than asked: the point finds itself.
         tree.knn(
             points[i],
@@ -63,6 +83,7 @@ pub fn statistical(
         }
         sum / count.max(1.0)
     });
+    let mean_distance = &*mean_distance;
     #[expect(clippy::cast_precision_loss, reason = "a count")]
     let n = mean_distance.len() as f64;
     let add = |a: &mut f64, b: f64| *a += b;
@@ -71,34 +92,49 @@ pub fn statistical(
         |a: &mut f64, i: usize| *a += (mean_distance[i] - mean) * (mean_distance[i] - mean);
     let variance = parallel::sum(points.len(), square, add) / (n - 1.0);
     let limit = mean + deviations * variance.sqrt();
-    keep(&mean_distance, |d| *d <= limit)
+    for (keep, d) in keep.iter_mut().zip(mean_distance) {
+        *keep &= u8::from(*d <= limit);
+    }
 }
 
 /// Radius outlier removal: a point is kept while at least `min_neighbours` others lie within
 /// `radius` metres.
 #[must_use]
-pub fn radius(points: &[[f32; 3]], tree: &KdTree, radius: f64, min_neighbours: usize) -> Vec<u32> {
-    if min_neighbours == 0 {
-        return all(points.len());
-    }
+pub fn radius(
+    points: &[[f32; 3]],
+    tree: &KdTree<'_>,
+    radius: f64,
+    min_neighbours: usize,
+) -> Vec<u32> {
+    let mut keep = vec![1; points.len()];
+    mark_radius(&mut keep, points, tree, (radius, min_neighbours));
+    kept(&keep)
+}
+
+/// As [`radius`] with its `(radius, min_neighbours)`: sets the marks of the points that stay to 1,
+/// of the others to 0.
+pub(crate) fn mark_radius(
+    keep: &mut [u8],
+    points: &[[f32; 3]],
+    tree: &KdTree<'_>,
+    (radius, min_neighbours): (f64, usize),
+) {
     #[expect(clippy::cast_possible_truncation, reason = "a radius in metres")]
     let radius = radius as f32;
-    let others = parallel::map_with(points.len(), Vec::new, |found, i| {
+    parallel::fill(keep, Vec::new, |found, i| {
+        if min_neighbours == 0 {
+            return 1;
+        }
         // The nearest few decide; there is no need to count a crowd.
         tree.knn(points[i], min_neighbours.saturating_add(1), radius, found);
-        found.len().saturating_sub(1)
+        u8::from(found.len() > min_neighbours)
     });
-    keep(&others, |count| *count >= min_neighbours)
 }
 
-fn all(n: usize) -> Vec<u32> {
-    (0u32..).take(n).collect()
-}
-
-fn keep<T>(values: &[T], ok: impl Fn(&T) -> bool) -> Vec<u32> {
+fn kept(marks: &[u8]) -> Vec<u32> {
     (0u32..)
-        .zip(values)
-        .filter(|(_, v)| ok(v))
+        .zip(marks)
+        .filter(|(_, keep)| **keep != 0)
         .map(|(i, _)| i)
         .collect()
 }

@@ -68,6 +68,10 @@ pub enum Error {
         radius_m: f64,
     },
 
+    /// A prepared map cannot be used.
+    #[error("{0}")]
+    Map(String),
+
     /// A matrix that should be a rigid transform is not.
     #[error("not a rigid transform: {0}")]
     NotRigid(String),

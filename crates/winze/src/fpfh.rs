@@ -12,6 +12,7 @@
 
 use rayon::prelude::*;
 
+use crate::columns::{Columns, Memory};
 use crate::config::{DescriptorVariant, FpfhConfig};
 use crate::kdtree::{KdTree, Neighbour};
 use crate::parallel;
@@ -33,79 +34,96 @@ pub type Descriptor = [f32; DIMENSIONS];
 pub fn descriptors(
     points: &[[f32; 3]],
     normals: &[[f32; 3]],
-    tree: &KdTree,
+    tree: &KdTree<'_>,
     keypoints: &[u32],
     config: &FpfhConfig,
     voxel: f64,
 ) -> Vec<Descriptor> {
+    let Ok(found) = descriptors_in((points, normals), tree, keypoints, config, voxel, &Memory);
+    found
+}
+
+/// Keypoints described at a time: their neighbours' SPFHs are held meanwhile.
+const BLOCK: usize = 1 << 14;
+
+/// As [`descriptors`] of `(points, normals)`, in `columns`.
+///
+/// # Errors
+/// Where a column cannot be had.
+pub fn descriptors_in<C: Columns>(
+    (points, normals): (&[[f32; 3]], &[[f32; 3]]),
+    tree: &KdTree<'_>,
+    keypoints: &[u32],
+    config: &FpfhConfig,
+    voxel: f64,
+    columns: &C,
+) -> Result<C::Column<Descriptor>, C::Error> {
     #[expect(clippy::cast_possible_truncation, reason = "a radius in metres")]
     let radius = config.radius.metres(voxel) as f32;
-    // SPFHs are wanted at the keypoints and all their neighbours, each once.
-    let near = parallel::map_with(
-        keypoints.len(),
-        || (),
-        |(), k| {
-            let mut found = Vec::new();
-            tree.within(
-                points[keypoints[k] as usize],
-                radius,
-                |index, distance_squared| {
-                    found.push(Neighbour {
-                        index,
-                        distance_squared,
-                    });
-                },
-            );
-            found
-        },
-    );
-    let mut wanted = vec![false; points.len()];
-    for list in &near {
-        for n in list {
-            wanted[n.index as usize] = true;
+    let mut out = columns.zeros::<Descriptor>(keypoints.len())?;
+    // Where a point's SPFH is found in its block, one up; 0 for none.
+    let mut slot = columns.zeros::<u32>(points.len())?;
+    for (keypoints, out) in keypoints.chunks(BLOCK).zip(out.chunks_mut(BLOCK)) {
+        // SPFHs are wanted at the keypoints and all their neighbours, each once.
+        let near = parallel::map_with(
+            keypoints.len(),
+            || (),
+            |(), k| {
+                let mut found = Vec::new();
+                tree.within(
+                    points[keypoints[k] as usize],
+                    radius,
+                    |index, distance_squared| {
+                        found.push(Neighbour {
+                            index,
+                            distance_squared,
+                        });
+                    },
+                );
+                found
+            },
+        );
+        let mut needed: Vec<u32> = Vec::new();
+        for n in near.iter().flatten() {
+            let slot = &mut slot[n.index as usize];
+            if *slot == 0 {
+                needed.push(n.index);
+                #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 points")]
+                let place = needed.len() as u32;
+                *slot = place;
+            }
+        }
+        let spfh = parallel::map_with(
+            needed.len(),
+            || (),
+            |(), s| {
+                let i = needed[s] as usize;
+                spfh(points, normals, tree, i, radius, config.unsigned)
+            },
+        );
+        let of = |i: u32| spfh.get((slot[i as usize] as usize).checked_sub(1)?);
+        out.par_iter_mut()
+            .zip(keypoints)
+            .zip(&near)
+            .for_each(|((out, &k), list)| {
+                if normals[k as usize] == [0.0; 3] {
+                    return;
+                }
+                // A point that is not even its own neighbour has no number for a place.
+                let Some(own) = of(k) else {
+                    return;
+                };
+                let others = list
+                    .iter()
+                    .filter(|n| n.index != k && normals[n.index as usize] != [0.0; 3])
+                    .filter_map(|n| Some((n.distance_squared, of(n.index)?)));
+                *out = weigh(own, others, config.variant);
+            });
+        for i in needed {
+            slot[i as usize] = 0;
         }
     }
-    let needed: Vec<u32> = (0u32..)
-        .zip(&wanted)
-        .filter(|(_, w)| **w)
-        .map(|(i, _)| i)
-        .collect();
-    let mut slot = vec![u32::MAX; points.len()];
-    for (s, &i) in (0u32..).zip(&needed) {
-        slot[i as usize] = s;
-    }
-    let spfh = parallel::map_with(
-        needed.len(),
-        || (),
-        |(), s| {
-            spfh(
-                points,
-                normals,
-                tree,
-                needed[s] as usize,
-                radius,
-                config.unsigned,
-            )
-        },
-    );
-    keypoints
-        .par_iter()
-        .zip(&near)
-        .map(|(&k, list)| {
-            if normals[k as usize] == [0.0; 3] {
-                return [0.0; DIMENSIONS];
-            }
-            // A point that is not even its own neighbour has no number for a place.
-            let Some(own) = spfh.get(slot[k as usize] as usize) else {
-                return [0.0; DIMENSIONS];
-            };
-            let others = list
-                .iter()
-                .filter(|n| n.index != k && normals[n.index as usize] != [0.0; 3])
-                .map(|n| (n.distance_squared, &spfh[slot[n.index as usize] as usize]));
-            weigh(own, others, config.variant)
-        })
-        .collect()
+    Ok(out)
 }
 
 /// Sums neighbours' SPFHs, given with their squared distances, into one FPFH.
@@ -157,7 +175,7 @@ fn weigh<'a>(
 fn spfh(
     points: &[[f32; 3]],
     normals: &[[f32; 3]],
-    tree: &KdTree,
+    tree: &KdTree<'_>,
     i: usize,
     radius: f32,
     unsigned: bool,
@@ -415,7 +433,7 @@ mod tests {
     #[test]
     fn parts_sum_to_a_hundred_and_zero_normals_to_nothing() {
         let mut s = surface(&drift(20_000, 8.0, 0.3, 0.0, 1), 0.2);
-        s.normals[5] = [0.0; 3];
+        s.normals.to_mut()[5] = [0.0; 3];
         for variant in [DescriptorVariant::Pcl, DescriptorVariant::Paper] {
             let d = descriptors(
                 &s.points,

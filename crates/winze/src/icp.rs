@@ -31,7 +31,7 @@ struct Pair {
 
 /// Refines `start` (`map_from_query`) by ICP. Distances count in multiples of the map's voxel size.
 #[must_use]
-pub fn align(map: &Surface, query: &Surface, start: &Pose, config: &IcpConfig) -> Refined {
+pub fn align(map: &Surface<'_>, query: &Surface<'_>, start: &Pose, config: &IcpConfig) -> Refined {
     let chosen = sample(&query.points, config.max_points);
     let (centroid, length) = spread(&chosen);
     let mut pose = start.between_origins(map.origin, query.origin);
@@ -89,8 +89,8 @@ pub fn align(map: &Surface, query: &Surface, start: &Pose, config: &IcpConfig) -
 /// do not count.
 #[must_use]
 pub fn information(
-    map: &Surface,
-    query: &Surface,
+    map: &Surface<'_>,
+    query: &Surface<'_>,
     map_from_query: &Pose,
     distance: f64,
     max_points: usize,
@@ -138,7 +138,7 @@ pub struct Information {
 }
 
 /// Nearest map points within `distance`, in the order of the query's points.
-fn pair(map: &Surface, query: &[[f32; 3]], pose: &Pose, distance: f64) -> Vec<Pair> {
+fn pair(map: &Surface<'_>, query: &[[f32; 3]], pose: &Pose, distance: f64) -> Vec<Pair> {
     #[expect(clippy::cast_possible_truncation, reason = "metres")]
     let radius = distance as f32;
     let found = parallel::chunks(query.len(), |range| {
@@ -182,7 +182,7 @@ fn trim(pairs: &mut Vec<Pair>, share: f64) {
     pairs.retain(|p| p.distance <= limit);
 }
 
-fn point_to_point(map: &Surface, pairs: &[Pair], kernel: Kernel, scale: f64) -> Option<Pose> {
+fn point_to_point(map: &Surface<'_>, pairs: &[Pair], kernel: Kernel, scale: f64) -> Option<Pose> {
     fit_rigid(pairs.iter().map(|p| {
         let target = map.points[p.map as usize].map(f64::from);
         (p.query, target, weight(kernel, p.distance, scale))
@@ -190,7 +190,7 @@ fn point_to_point(map: &Surface, pairs: &[Pair], kernel: Kernel, scale: f64) -> 
 }
 
 fn point_to_plane(
-    map: &Surface,
+    map: &Surface<'_>,
     pairs: &[Pair],
     centre: [f64; 3],
     kernel: Kernel,

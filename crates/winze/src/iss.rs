@@ -16,12 +16,16 @@
 //! [`IssConfig::min_keypoints`] qualify, the most salient of the other points with relief fill the
 //! budget, cell by cell; [`Keypoints::qualified`] tells how many came from the test itself.
 
-use rustc_hash::FxHashMap;
+use std::cmp::Reverse;
 
+use rayon::prelude::*;
+
+use crate::columns::{Columns, Memory};
 use crate::config::{IssCentre, IssConfig};
 use crate::eigen3::{Symmetric3, eigen3};
 use crate::kdtree::{KdTree, Neighbour};
 use crate::parallel;
+use crate::voxel::{Grid, pack};
 
 /// Keypoints of one cloud.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -45,39 +49,147 @@ pub struct Saliency {
 
 /// ISS keypoints of `points` at the pipeline's `voxel` size (metres).
 #[must_use]
-pub fn keypoints(points: &[[f32; 3]], tree: &KdTree, config: &IssConfig, voxel: f64) -> Keypoints {
-    let saliency = saliency(points, tree, config, voxel);
-    let mut ranked: Vec<u32> = (0u32..)
-        .zip(&saliency)
-        .filter(|(_, s)| s.qualifies)
-        .map(|(i, _)| i)
-        .collect();
-    let mut chosen = Chosen::new(points, tree, &saliency, config, voxel);
-    rank(&mut ranked, &saliency);
-    chosen.take(&ranked, config.max_keypoints);
-    let qualified = chosen.indices.len();
-    let budget = match config.max_keypoints {
-        0 => config.min_keypoints,
-        most => config.min_keypoints.min(most),
-    };
-    if qualified < budget {
-        let mut rest: Vec<u32> = (0u32..)
-            .zip(&saliency)
-            .filter(|(_, s)| !s.qualifies && s.value > 0.0)
-            .map(|(i, _)| i)
-            .collect();
-        rank(&mut rest, &saliency);
-        chosen.take(&rest, budget);
-    }
-    let mut indices = chosen.indices;
-    indices.sort_unstable();
+pub fn keypoints(
+    points: &[[f32; 3]],
+    tree: &KdTree<'_>,
+    config: &IssConfig,
+    voxel: f64,
+) -> Keypoints {
+    let most = config.max_keypoints;
+    let Ok(found) = keypoints_in(points, tree, config, most, voxel, &Memory);
     Keypoints {
-        saliency: indices
-            .iter()
-            .map(|&i| saliency[i as usize].value)
-            .collect(),
+        indices: found.indices,
+        saliency: found.saliency,
+        qualified: found.qualified,
+    }
+}
+
+/// The columns of keypoints just found, see [`Keypoints`].
+pub struct KeypointColumns<C: Columns> {
+    /// Indices into the cloud, ascending.
+    pub indices: C::Column<u32>,
+    /// λ3 over the squared salient radius of each.
+    pub saliency: C::Column<f32>,
+    /// How many passed the test.
+    pub qualified: usize,
+}
+
+/// As [`keypoints`], but at most `most` (0: no limit), in `columns`.
+///
+/// # Errors
+/// Where a column cannot be had.
+pub fn keypoints_in<C: Columns>(
+    points: &[[f32; 3]],
+    tree: &KdTree<'_>,
+    config: &IssConfig,
+    most: usize,
+    voxel: f64,
+    columns: &C,
+) -> Result<KeypointColumns<C>, C::Error> {
+    let saliency = coded_saliency(points, tree, config, voxel, columns)?;
+    let mut chosen = cell_winners(points, tree, &saliency, config, voxel, columns)?;
+    // Those that pass the test first, then the most salient; ties by index.
+    let rank = |i: u32| {
+        let s = Saliency::decoded(saliency[i as usize]);
+        (!s.qualifies, Reverse(s.value.to_bits()), i)
+    };
+    chosen.sort_unstable_by_key(|i| rank(*i));
+    let qualifying = chosen.partition_point(|i| !rank(*i).0);
+    let limit = if most == 0 { usize::MAX } else { most };
+    let qualified = qualifying.min(limit);
+    let count = qualified
+        .max(config.min_keypoints.min(limit))
+        .min(chosen.len());
+    chosen[..count].sort_unstable();
+    let mut indices = columns.zeros(count)?;
+    indices.copy_from_slice(&chosen[..count]);
+    let mut values = columns.zeros(count)?;
+    for (value, i) in values.iter_mut().zip(indices.iter()) {
+        *value = Saliency::decoded(saliency[*i as usize]).value;
+    }
+    Ok(KeypointColumns {
         indices,
+        saliency: values,
         qualified,
+    })
+}
+
+/// The best point of each cell, in the order of cells: one that passes the test where there is one, else
+/// the most salient with relief. Only local maxima take part, where they are asked for.
+fn cell_winners<C: Columns>(
+    points: &[[f32; 3]],
+    tree: &KdTree<'_>,
+    saliency: &[f32],
+    config: &IssConfig,
+    voxel: f64,
+    columns: &C,
+) -> Result<C::Column<u32>, C::Error> {
+    const NONE: [u64; 2] = [u64::MAX; 2];
+    let cell = config.cell.metres(voxel);
+    #[expect(clippy::cast_possible_truncation, reason = "a radius in metres")]
+    let non_max_radius = config.non_max_radius.metres(voxel) as f32;
+    let mut keyed = columns.zeros::<[u64; 2]>(points.len())?;
+    parallel::fill(
+        &mut keyed,
+        || (),
+        |(), i| {
+            let own = Saliency::decoded(saliency[i]);
+            if own.value <= 0.0 || !is_local_maximum(points, tree, saliency, i, non_max_radius) {
+                return NONE;
+            }
+            #[expect(clippy::cast_possible_truncation, reason = "saturates")]
+            let at = points[i].map(|v| {
+                if cell > 0.0 {
+                    (f64::from(v) / cell).floor() as i32
+                } else {
+                    0
+                }
+            });
+            #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 points")]
+            pack(at, i as u32)
+        },
+    );
+    keyed.par_sort_unstable();
+    let candidates = &keyed[..keyed.partition_point(|k| *k != NONE)];
+    let cells = || candidates.chunk_by(|a, b| cell > 0.0 && Grid::same_cell(a, b));
+    let mut winners = columns.zeros::<u32>(cells().count())?;
+    for (winner, group) in winners.iter_mut().zip(cells()) {
+        let better = |a: &Saliency, b: &Saliency| (a.qualifies, a.value) > (b.qualifies, b.value);
+        let mut best = (Grid::index(&group[0]), Saliency::NONE);
+        for key in group {
+            // Ascending indices: of equal ones the first stays.
+            let own = Saliency::decoded(saliency[Grid::index(key)]);
+            if better(&own, &best.1) {
+                best = (Grid::index(key), own);
+            }
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 points")]
+        let index = best.0 as u32;
+        *winner = index;
+    }
+    Ok(winners)
+}
+
+impl Saliency {
+    const NONE: Self = Self {
+        value: 0.0,
+        qualifies: false,
+    };
+
+    /// As one number, negative where the test fails.
+    fn coded(self) -> f32 {
+        if self.qualifies {
+            self.value
+        } else {
+            -self.value
+        }
+    }
+
+    fn decoded(code: f32) -> Self {
+        Self {
+            value: code.abs(),
+            qualifies: code > 0.0,
+        }
     }
 }
 
@@ -85,25 +197,41 @@ pub fn keypoints(points: &[[f32; 3]], tree: &KdTree, config: &IssConfig, voxel: 
 #[must_use]
 pub fn saliency(
     points: &[[f32; 3]],
-    tree: &KdTree,
+    tree: &KdTree<'_>,
     config: &IssConfig,
     voxel: f64,
 ) -> Vec<Saliency> {
+    let Ok(coded) = coded_saliency(points, tree, config, voxel, &Memory);
+    coded.into_iter().map(Saliency::decoded).collect()
+}
+
+fn coded_saliency<C: Columns>(
+    points: &[[f32; 3]],
+    tree: &KdTree<'_>,
+    config: &IssConfig,
+    voxel: f64,
+    columns: &C,
+) -> Result<C::Column<f32>, C::Error> {
     let radius = config.salient_radius.metres(voxel);
     #[expect(clippy::cast_possible_truncation, reason = "a radius in metres")]
     let r = radius as f32;
-    let weights: Option<Vec<f32>> = config.density_weighting.then(|| {
-        parallel::map_with(
-            points.len(),
-            || (),
-            |(), i| {
-                let mut count = 0.0f32;
-                tree.within(points[i], r, |_, _| count += 1.0);
-                1.0 / count.max(1.0)
-            },
-        )
-    });
-    parallel::map_with(points.len(), Vec::new, |found, i| {
+    let mut weights = columns.zeros::<f32>(if config.density_weighting {
+        points.len()
+    } else {
+        0
+    })?;
+    parallel::fill(
+        &mut weights,
+        || (),
+        |(), i| {
+            let mut count = 0.0f32;
+            tree.within(points[i], r, |_, _| count += 1.0);
+            1.0 / count.max(1.0)
+        },
+    );
+    let weights = config.density_weighting.then_some(&*weights);
+    let mut coded = columns.zeros::<f32>(points.len())?;
+    parallel::fill(&mut coded, Vec::new, |found, i| {
         found.clear();
         tree.within(points[i], r, |index, distance_squared| {
             found.push(Neighbour {
@@ -112,22 +240,18 @@ pub fn saliency(
             });
         });
         if found.len() <= config.min_neighbours {
-            return Saliency {
-                value: 0.0,
-                qualifies: false,
-            };
+            return Saliency::NONE.coded();
         }
-        let scatter = scatter(points, i, found, weights.as_deref(), config.centre);
+        let scatter = scatter(points, i, found, weights, config.centre);
         let [l3, l2, l1] = eigen3(&scatter).values;
         let relief = l3 / (radius * radius);
         #[expect(clippy::cast_possible_truncation, reason = "a ratio")]
-        Saliency {
-            value: relief.max(0.0) as f32,
-            qualifies: relief > config.min_relief
-                && l2 < config.gamma_21 * l1
-                && l3 < config.gamma_32 * l2,
-        }
-    })
+        let value = relief.max(0.0) as f32;
+        let qualifies =
+            relief > config.min_relief && l2 < config.gamma_21 * l1 && l3 < config.gamma_32 * l2;
+        Saliency { value, qualifies }.coded()
+    });
+    Ok(coded)
 }
 
 /// The weighted scatter of the neighbours of point `i`, divided by their weight. The point itself
@@ -165,85 +289,28 @@ fn scatter(
 
 const UPPER: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 
-/// Most salient first; ties by index.
-fn rank(indices: &mut [u32], saliency: &[Saliency]) {
-    indices.sort_unstable_by(|&a, &b| {
-        saliency[b as usize]
-            .value
-            .total_cmp(&saliency[a as usize].value)
-            .then(a.cmp(&b))
+fn is_local_maximum(
+    points: &[[f32; 3]],
+    tree: &KdTree<'_>,
+    saliency: &[f32],
+    i: usize,
+    radius: f32,
+) -> bool {
+    if radius <= 0.0 {
+        return true;
+    }
+    let own = Saliency::decoded(saliency[i]);
+    let mut maximum = true;
+    tree.within(points[i], radius, |j, _| {
+        let j = j as usize;
+        let other = Saliency::decoded(saliency[j]);
+        // Points that pass the test compete among themselves, as in the original.
+        let competes = other.qualifies || !own.qualifies;
+        if competes && (other.value > own.value || (other.value == own.value && j < i)) {
+            maximum = false;
+        }
     });
-}
-
-/// The points taken so far, thinned to one a cell and, where asked, to local maxima.
-struct Chosen<'a> {
-    points: &'a [[f32; 3]],
-    tree: &'a KdTree,
-    saliency: &'a [Saliency],
-    cell: f64,
-    non_max_radius: f32,
-    taken: FxHashMap<[i32; 3], ()>,
-    indices: Vec<u32>,
-}
-
-impl<'a> Chosen<'a> {
-    fn new(
-        points: &'a [[f32; 3]],
-        tree: &'a KdTree,
-        saliency: &'a [Saliency],
-        config: &IssConfig,
-        voxel: f64,
-    ) -> Self {
-        #[expect(clippy::cast_possible_truncation, reason = "a radius in metres")]
-        Self {
-            points,
-            tree,
-            saliency,
-            cell: config.cell.metres(voxel),
-            non_max_radius: config.non_max_radius.metres(voxel) as f32,
-            taken: FxHashMap::default(),
-            indices: Vec::new(),
-        }
-    }
-
-    /// Takes from `ranked`, best first, until there are `limit` keypoints (0: no limit).
-    fn take(&mut self, ranked: &[u32], limit: usize) {
-        for &i in ranked {
-            if limit > 0 && self.indices.len() >= limit {
-                return;
-            }
-            if !self.is_local_maximum(i) {
-                continue;
-            }
-            if self.cell > 0.0 {
-                #[expect(clippy::cast_possible_truncation, reason = "saturates")]
-                let cell =
-                    self.points[i as usize].map(|v| (f64::from(v) / self.cell).floor() as i32);
-                if self.taken.insert(cell, ()).is_some() {
-                    continue;
-                }
-            }
-            self.indices.push(i);
-        }
-    }
-
-    fn is_local_maximum(&self, i: u32) -> bool {
-        if self.non_max_radius <= 0.0 {
-            return true;
-        }
-        let own = self.saliency[i as usize];
-        let mut maximum = true;
-        self.tree
-            .within(self.points[i as usize], self.non_max_radius, |j, _| {
-                let other = self.saliency[j as usize];
-                // Points that pass the test compete among themselves, as in the original.
-                let competes = other.qualifies || !own.qualifies;
-                if competes && (other.value > own.value || (other.value == own.value && j < i)) {
-                    maximum = false;
-                }
-            });
-        maximum
-    }
+    maximum
 }
 
 #[cfg(test)]

@@ -11,6 +11,12 @@
 //! * Equal distances are ordered by original index, so answers do not depend on the build.
 //! * Radii are inclusive. Queries that are not finite have no neighbours.
 
+use std::borrow::Cow;
+
+use rayon::prelude::*;
+
+use crate::columns::{Columns, Memory};
+
 /// A neighbour of a query point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Neighbour {
@@ -27,75 +33,161 @@ const PARALLEL: usize = 16_384;
 /// No tree over 2³² points is deeper.
 const MAX_DEPTH: usize = 40;
 
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Node {
-    /// Inner node: the left side is `<= split` on `axis`, the right side `>= split`.
-    split: f32,
-    /// 0, 1 or 2; [`Node::LEAF_MARK`] for a leaf.
-    axis: u32,
-    /// Inner: distance in nodes to the right child (the left one follows at once). Leaf: first point.
-    a: u32,
-    /// Leaf: one past the last point.
-    b: u32,
-}
+/// A node as plain numbers, so that a tree can be kept in a file.
+///
+/// `[split, axis, a, b]`. An inner node's left side is `<= split` (the bits of an `f32`) on `axis` (0, 1 or
+/// 2), its right side `>= split`; its left child follows at once, its right one `a` nodes further on. A
+/// leaf ([`LEAF_MARK`]) holds the points `a..b`.
+pub type Node = [u32; 4];
 
-impl Node {
-    const LEAF_MARK: u32 = 3;
-}
+const LEAF_MARK: u32 = 3;
 
-/// An immutable k-d tree, see the [module documentation](self).
+/// An immutable k-d tree, see the [module documentation](self). Its arrays are its own, or lie in a
+/// mapped file.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct KdTree {
-    nodes: Vec<Node>,
-    xs: Vec<f32>,
-    ys: Vec<f32>,
-    zs: Vec<f32>,
-    order: Vec<u32>,
+pub struct KdTree<'a> {
+    nodes: Cow<'a, [Node]>,
+    /// Coordinates in leaf order, an array an axis.
+    axes: [Cow<'a, [f32]>; 3],
+    /// Original indices in leaf order; empty where they are 0, 1, 2, ...
+    order: Cow<'a, [u32]>,
 }
 
-#[derive(Clone, Copy)]
-struct Item {
-    p: [f32; 3],
-    index: u32,
+/// The columns of a tree that was just built.
+pub struct TreeColumns<C: Columns> {
+    /// Nodes in preorder.
+    pub nodes: C::Column<Node>,
+    /// Coordinates in leaf order, an array an axis.
+    pub axes: [C::Column<f32>; 3],
+    /// Original indices in leaf order.
+    pub order: C::Column<u32>,
 }
 
-impl KdTree {
+impl<C: Columns> TreeColumns<C> {
+    /// The tree.
+    #[must_use]
+    pub fn view(&self) -> KdTree<'_> {
+        KdTree {
+            nodes: Cow::Borrowed(&self.nodes),
+            axes: self.axes.each_ref().map(|a| Cow::Borrowed(&**a)),
+            order: Cow::Borrowed(&self.order),
+        }
+    }
+}
+
+impl TreeColumns<Memory> {
+    /// The tree, with arrays of its own.
+    #[must_use]
+    pub fn into_tree(self) -> KdTree<'static> {
+        KdTree {
+            nodes: Cow::Owned(self.nodes),
+            axes: self.axes.map(Cow::Owned),
+            order: Cow::Owned(self.order),
+        }
+    }
+}
+
+/// A point as bits, with its index.
+type Item = [u32; 4];
+
+fn coordinate(item: &Item, axis: usize) -> f32 {
+    f32::from_bits(item[axis])
+}
+
+/// Builds the tree over `points` in `columns`, on all threads of the current pool, as
+/// [`KdTree::build`] does.
+///
+/// # Errors
+/// Where a column cannot be had.
+pub fn build_in<C: Columns>(points: &[[f32; 3]], columns: &C) -> Result<TreeColumns<C>, C::Error> {
+    let finite = |p: &[f32; 3]| p.iter().all(|v| v.is_finite());
+    let count = points.iter().filter(|p| finite(p)).count();
+    let mut items = columns.zeros::<Item>(count)?;
+    let usable = (0u32..).zip(points).filter(|(_, p)| finite(p));
+    for (item, (index, p)) in items.iter_mut().zip(usable) {
+        *item = [p[0].to_bits(), p[1].to_bits(), p[2].to_bits(), index];
+    }
+    let nodes = if count == 0 { 0 } else { node_count(count) };
+    let mut nodes = columns.zeros::<Node>(nodes)?;
+    if count > 0 {
+        split(&mut items, 0, &mut nodes);
+    }
+    let mut axes = [
+        columns.zeros(count)?,
+        columns.zeros(count)?,
+        columns.zeros(count)?,
+    ];
+    for (a, axis) in axes.iter_mut().enumerate() {
+        axis.par_iter_mut()
+            .zip(items.par_iter())
+            .for_each(|(v, i)| *v = coordinate(i, a));
+    }
+    let mut order = columns.zeros(count)?;
+    order
+        .par_iter_mut()
+        .zip(items.par_iter())
+        .for_each(|(o, i)| *o = i[3]);
+    Ok(TreeColumns { nodes, axes, order })
+}
+
+impl KdTree<'static> {
     /// The tree over `points`, built on all threads of the current pool. Points that are not
     /// finite are left out. Indices are 32-bit: at most 2³² − 1 points (more are ignored).
     #[must_use]
     pub fn build(points: &[[f32; 3]]) -> Self {
-        let mut items: Vec<Item> = (0u32..)
-            .zip(points)
-            .filter(|(_, p)| p.iter().all(|v| v.is_finite()))
-            .map(|(index, &p)| Item { p, index })
-            .collect();
-        if items.is_empty() {
-            return Self::default();
-        }
-        let nodes = build(&mut items, 0);
-        Self {
-            nodes,
-            xs: items.iter().map(|i| i.p[0]).collect(),
-            ys: items.iter().map(|i| i.p[1]).collect(),
-            zs: items.iter().map(|i| i.p[2]).collect(),
-            order: items.iter().map(|i| i.index).collect(),
-        }
+        let Ok(tree) = build_in(points, &Memory);
+        tree.into_tree()
+    }
+}
+
+impl<'a> KdTree<'a> {
+    /// A tree whose points are stored in its own leaf order, from the arrays of one that was built before.
+    ///
+    /// `None` where they are none: whatever they hold, the tree that comes back answers without
+    /// panic and in bounded time, and rightly if its coordinates are those it was built from.
+    #[must_use]
+    pub fn from_parts(nodes: &'a [Node], axes: [&'a [f32]; 3]) -> Option<Self> {
+        let count = axes[0].len();
+        let sound = axes.iter().all(|a| a.len() == count)
+            && u32::try_from(count).is_ok()
+            && is_tree(nodes, count);
+        sound.then(|| Self {
+            nodes: Cow::Borrowed(nodes),
+            axes: axes.map(Cow::Borrowed),
+            order: Cow::Borrowed(&[]),
+        })
+    }
+
+    /// Nodes in preorder, and coordinates in leaf order.
+    #[must_use]
+    pub fn parts(&self) -> (&[Node], [&[f32]; 3]) {
+        (&self.nodes, self.axes.each_ref().map(|a| &**a))
     }
 
     /// Number of points in the tree.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.order.len()
+        self.axes[0].len()
     }
 
     /// No points.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.order.is_empty()
+        self.axes[0].is_empty()
+    }
+
+    /// The original index of the point at a place in leaf order.
+    #[inline]
+    fn name(&self, place: usize) -> u32 {
+        if self.order.is_empty() {
+            #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 points")]
+            return place as u32;
+        }
+        self.order[place]
     }
 
     /// Original indices in leaf order: neighbours in space are near each other in this list, so
-    /// points stored in this order are found in cache.
+    /// points stored in this order are found in cache. Empty where they are 0, 1, 2, ...
     #[must_use]
     pub fn order(&self) -> &[u32] {
         &self.order
@@ -104,9 +196,7 @@ impl KdTree {
     /// Renames point `order[i]` to `i`: for a caller that has put its points in that order.
     #[must_use]
     pub(crate) fn with_points_in_leaf_order(mut self) -> Self {
-        for (i, o) in (0u32..).zip(&mut self.order) {
-            *o = i;
-        }
+        self.order = Cow::Borrowed(&[]);
         self
     }
 
@@ -126,7 +216,7 @@ impl KdTree {
         self.visit(query, best.distance_squared, |start, distances| {
             for (i, &d) in distances.iter().enumerate() {
                 if d <= best.distance_squared {
-                    let index = self.order[start + i];
+                    let index = self.name(start + i);
                     if d < best.distance_squared || index < best.index {
                         best = Neighbour {
                             index,
@@ -138,6 +228,31 @@ impl KdTree {
             best.distance_squared
         });
         (best.index != u32::MAX && best.distance_squared.is_finite()).then_some(best)
+    }
+
+    /// The nearest point to `query` that does not lie at `query` itself.
+    #[must_use]
+    pub fn nearest_other(&self, query: [f32; 3]) -> Option<Neighbour> {
+        let mut best = Neighbour {
+            index: u32::MAX,
+            distance_squared: f32::INFINITY,
+        };
+        self.visit(query, f32::INFINITY, |start, distances| {
+            for (i, &d) in distances.iter().enumerate() {
+                let index = self.name(start + i);
+                if d > 0.0
+                    && (d < best.distance_squared
+                        || (d == best.distance_squared && index < best.index))
+                {
+                    best = Neighbour {
+                        index,
+                        distance_squared: d,
+                    };
+                }
+            }
+            best.distance_squared
+        });
+        best.distance_squared.is_finite().then_some(best)
     }
 
     /// The `k` nearest points to `query` no further than `radius`, nearest first, into `found`
@@ -157,7 +272,7 @@ impl KdTree {
             for (i, &d) in distances.iter().enumerate() {
                 if d <= worst {
                     let new = Neighbour {
-                        index: self.order[start + i],
+                        index: self.name(start + i),
                         distance_squared: d,
                     };
                     if found.len() == k {
@@ -189,7 +304,7 @@ impl KdTree {
         self.visit(query, limit, |start, distances| {
             for (i, &d) in distances.iter().enumerate() {
                 if d <= limit && d.is_finite() {
-                    each(self.order[start + i], d);
+                    each(self.name(start + i), d);
                 }
             }
             limit
@@ -202,6 +317,8 @@ impl KdTree {
         if self.nodes.is_empty() || !q.iter().all(|v| v.is_finite()) {
             return;
         }
+        let nodes: &[Node] = &self.nodes;
+        let [xs, ys, zs]: [&[f32]; 3] = self.axes.each_ref().map(|a| &**a);
         // (node, distance to its region along each axis)
         let mut stack = [(0u32, [0.0f32; 3]); MAX_DEPTH];
         let mut top = 1;
@@ -212,28 +329,28 @@ impl KdTree {
                 continue;
             }
             loop {
-                let node = self.nodes[at as usize];
-                if node.axis == Node::LEAF_MARK {
-                    let (start, end) = (node.a as usize, node.b as usize);
+                let [split, axis, a, b] = nodes[at as usize];
+                if axis == LEAF_MARK {
+                    let (start, end) = (a as usize, b as usize);
                     let mut distances = [0.0f32; LEAF];
                     let distances = &mut distances[..end - start];
                     for (((d, x), y), z) in distances
                         .iter_mut()
-                        .zip(&self.xs[start..end])
-                        .zip(&self.ys[start..end])
-                        .zip(&self.zs[start..end])
+                        .zip(&xs[start..end])
+                        .zip(&ys[start..end])
+                        .zip(&zs[start..end])
                     {
                         *d = squared([x - q[0], y - q[1], z - q[2]]);
                     }
                     limit = leaf(start, distances);
                     break;
                 }
-                let axis = node.axis as usize;
-                let offset = node.split - q[axis];
+                let axis = axis as usize;
+                let offset = f32::from_bits(split) - q[axis];
                 let (near, far) = if offset >= 0.0 {
-                    (at + 1, at + node.a)
+                    (at + 1, at + a)
                 } else {
-                    (at + node.a, at + 1)
+                    (at + a, at + 1)
                 };
                 let near_cut = cut;
                 cut[axis] = offset;
@@ -261,47 +378,107 @@ fn closer(a: &Neighbour, b: &Neighbour) -> bool {
         || (a.distance_squared == b.distance_squared && a.index < b.index)
 }
 
-fn build(items: &mut [Item], start: usize) -> Vec<Node> {
+/// Nodes of the tree over `count` points (more than 0).
+fn node_count(count: usize) -> usize {
+    /// Of `n` and of `n + 1` points: halves never differ by more than one.
+    fn of(n: usize) -> (usize, usize) {
+        if n < LEAF {
+            return (1, 1);
+        }
+        let (half, more) = of(n / 2);
+        let even = n.is_multiple_of(2);
+        let this = match n {
+            LEAF => 1,
+            _ if even => 1 + 2 * half,
+            _ => 1 + half + more,
+        };
+        (this, if even { 1 + half + more } else { 1 + 2 * more })
+    }
+    of(count).0
+}
+
+/// Sorts `items`, which begin at place `start`, into leaf order and fills `nodes`.
+fn split(items: &mut [Item], start: usize, nodes: &mut [Node]) {
+    let Some((node, nodes)) = nodes.split_first_mut() else {
+        return;
+    };
     #[expect(clippy::cast_possible_truncation, reason = "at most 2^32 - 1 points")]
     if items.len() <= LEAF {
-        return vec![Node {
-            split: 0.0,
-            axis: Node::LEAF_MARK,
-            a: start as u32,
-            b: (start + items.len()) as u32,
-        }];
+        *node = [0, LEAF_MARK, start as u32, (start + items.len()) as u32];
+        return;
     }
     let axis = widest_axis(items);
     let middle = items.len() / 2;
     let (_, pivot, _) = items.select_nth_unstable_by(middle, |a, b| {
-        a.p[axis].total_cmp(&b.p[axis]).then(a.index.cmp(&b.index))
+        coordinate(a, axis)
+            .total_cmp(&coordinate(b, axis))
+            .then(a[3].cmp(&b[3]))
     });
-    let split = pivot.p[axis];
+    let at = pivot[axis];
     let (left, right) = items.split_at_mut(middle);
-    let (left, right) = if left.len() > PARALLEL {
-        rayon::join(|| build(left, start), || build(right, start + middle))
-    } else {
-        (build(left, start), build(right, start + middle))
-    };
-    let mut nodes = Vec::with_capacity(1 + left.len() + right.len());
+    let (left_nodes, right_nodes) = nodes.split_at_mut(node_count(middle));
     #[expect(clippy::cast_possible_truncation, reason = "fewer nodes than points")]
-    nodes.push(Node {
-        split,
-        axis: axis as u32,
-        a: left.len() as u32 + 1,
-        b: 0,
-    });
-    nodes.extend(left);
-    nodes.extend(right);
-    nodes
+    let skip = left_nodes.len() as u32 + 1;
+    #[expect(clippy::cast_possible_truncation, reason = "0, 1 or 2")]
+    let axis = axis as u32;
+    *node = [at, axis, skip, 0];
+    if left.len() > PARALLEL {
+        rayon::join(
+            || split(left, start, left_nodes),
+            || split(right, start + middle, right_nodes),
+        );
+    } else {
+        split(left, start, left_nodes);
+        split(right, start + middle, right_nodes);
+    }
+}
+
+/// Whether `nodes` are a tree over `count` points, each in one leaf, no deeper than a search can follow.
+fn is_tree(nodes: &[Node], count: usize) -> bool {
+    if nodes.is_empty() || count == 0 {
+        return nodes.is_empty() && count == 0;
+    }
+    // In preorder leaves follow each other, and a right child begins where its left sibling ends. These
+    // wait, with their depths.
+    let mut waiting = [(0usize, 0usize); MAX_DEPTH];
+    let mut top = 0;
+    let (mut at, mut depth, mut placed) = (0usize, 0usize, 0usize);
+    while let Some(&[split, axis, a, b]) = nodes.get(at) {
+        at += 1;
+        if axis == LEAF_MARK {
+            let (a, b) = (a as usize, b as usize);
+            if a != placed || b < a || b - a > LEAF {
+                return false;
+            }
+            placed = b;
+            if top == 0 {
+                return at == nodes.len() && placed == count;
+            }
+            top -= 1;
+            let (right, its_depth) = waiting[top];
+            if right != at {
+                return false;
+            }
+            depth = its_depth;
+        } else {
+            depth += 1;
+            let sound = axis < LEAF_MARK && f32::from_bits(split).is_finite() && depth < MAX_DEPTH;
+            if !sound || a < 2 {
+                return false;
+            }
+            waiting[top] = (at - 1 + a as usize, depth);
+            top += 1;
+        }
+    }
+    false
 }
 
 fn widest_axis(items: &[Item]) -> usize {
     let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
     for item in items {
         for a in 0..3 {
-            low[a] = low[a].min(item.p[a]);
-            high[a] = high[a].max(item.p[a]);
+            low[a] = low[a].min(coordinate(item, a));
+            high[a] = high[a].max(coordinate(item, a));
         }
     }
     let mut axis = 0;

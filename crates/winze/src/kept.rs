@@ -9,37 +9,51 @@
 //! Memory: the points of a cloud once more in a tree, and for each of the last few voxel sizes the
 //! thinned surface with its normals, tree, descriptors and Gaussians.
 
-use std::borrow::Cow;
+use std::convert::Infallible;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use rustc_hash::FxHashMap;
 
+use crate::base::{Base, base_of};
 use crate::cloud::Cloud;
+use crate::columns::Memory;
 use crate::config::{
     Config, FpfhConfig, IcpConfig, IcpMetric, IssConfig, MatchingConfig, NdtConfig, PrepareConfig,
     VerifyConfig,
 };
-use crate::features::{Features, describe};
+use crate::error::Result;
+use crate::features::{Features, describe, describe_map};
 use crate::kdtree::KdTree;
 use crate::matching::{Correspondence, match_descriptors};
 use crate::metrics::{self, InlierMetrics};
 use crate::ndt::{self, NdtCells};
 use crate::pose::Pose;
-use crate::prepare::{Surface, limit_range, prepare};
+use crate::prepare::{Frame, Surface, limit_range, prepare, remove_outliers};
+use crate::prepared::{PreparedMap, level_in};
 use crate::refine::Refined;
 use crate::scale::{self, Measure};
 
 /// Voxel sizes kept; with `auto`'s few tries on a ladder of sizes, queries of one kind share them.
 const MOST_SIZES: usize = 6;
 
-/// A map and what was worked out about it so far, by [`locate_in`](crate::locate::locate_in).
+/// A map and what was worked out about it so far, by [`locate_in`](crate::locate::locate_in), or long before.
 #[derive(Debug)]
 pub struct KeptMap<'a> {
-    cloud: Cow<'a, Cloud>,
+    source: Source<'a>,
     settings: Option<Settings>,
-    measure: Option<Option<Measure>>,
-    tree: Option<KdTree>,
-    sizes: Recent<MapAt>,
+    /// Of the raw points.
+    spacing: Option<Option<f64>>,
+    base: Option<(f64, Base)>,
+    measure: Option<Measure>,
+    tree: Option<KdTree<'static>>,
+    sizes: Recent<MapAt<'a>>,
+}
+
+/// What a map is made of.
+#[derive(Debug, Clone, Copy)]
+enum Source<'a> {
+    Cloud(&'a Cloud),
+    Prepared(&'a dyn PreparedMap),
 }
 
 /// A query and what was worked out about it so far, by [`locate_in`](crate::locate::locate_in).
@@ -54,10 +68,12 @@ pub struct KeptQuery<'a> {
 
 /// A map at one voxel size.
 #[derive(Debug)]
-pub(crate) struct MapAt {
-    pub(crate) surface: Surface,
-    features: Option<Features>,
-    cells: Option<Vec<NdtCells>>,
+pub(crate) struct MapAt<'a> {
+    pub(crate) surface: Surface<'a>,
+    /// Where the rest was prepared beforehand, if it was, and at which level.
+    prepared: Option<(&'a dyn PreparedMap, usize)>,
+    features: Option<Features<'a>>,
+    cells: Option<Vec<NdtCells<'a>>>,
     /// Tells these features from those of any other map or size.
     mark: Arc<()>,
 }
@@ -65,8 +81,8 @@ pub(crate) struct MapAt {
 /// A query at one voxel size.
 #[derive(Debug)]
 pub(crate) struct QueryAt {
-    pub(crate) surface: Surface,
-    features: Option<Features>,
+    pub(crate) surface: Surface<'static>,
+    features: Option<Features<'static>>,
     /// With the mark of the map they lead to.
     correspondences: Option<(Arc<()>, Vec<Correspondence>)>,
     pub(crate) refinements: Refinements,
@@ -120,6 +136,7 @@ impl Refinements {
 /// The sections that what is kept depends on.
 #[derive(Debug, Clone, PartialEq)]
 struct Settings {
+    voxel: f64,
     prepare: PrepareConfig,
     iss: IssConfig,
     fpfh: FpfhConfig,
@@ -131,6 +148,7 @@ struct Settings {
 impl Settings {
     fn of(config: &Config) -> Self {
         Self {
+            voxel: config.scale.voxel,
             prepare: config.prepare.clone(),
             iss: config.iss.clone(),
             fpfh: config.fpfh.clone(),
@@ -145,74 +163,184 @@ impl<'a> KeptMap<'a> {
     /// A map about which nothing is known yet.
     #[must_use]
     pub fn new(map: &'a Cloud) -> Self {
-        Self::keeping(Cow::Borrowed(map), MOST_SIZES)
+        Self::keeping(Source::Cloud(map), MOST_SIZES)
+    }
+
+    /// A map that was prepared beforehand.
+    #[must_use]
+    pub fn prepared(map: &'a dyn PreparedMap) -> Self {
+        Self::keeping(Source::Prepared(map), MOST_SIZES)
     }
 
     /// For a single question: one voxel size at a time.
-    pub(crate) fn once(map: Cow<'a, Cloud>) -> Self {
-        Self::keeping(map, 1)
+    pub(crate) fn once(map: &'a Cloud) -> Self {
+        Self::keeping(Source::Cloud(map), 1)
     }
 
-    fn keeping(cloud: Cow<'a, Cloud>, most: usize) -> Self {
+    fn keeping(source: Source<'a>, most: usize) -> Self {
         Self {
-            cloud,
+            source,
             settings: None,
+            spacing: None,
+            base: None,
             measure: None,
             tree: None,
             sizes: Recent::new(most),
         }
     }
 
-    /// The map as given.
+    /// Points of the map as given.
     #[must_use]
-    pub fn cloud(&self) -> &Cloud {
-        &self.cloud
+    pub fn points(&self) -> usize {
+        match self.source {
+            Source::Cloud(cloud) => cloud.len(),
+            Source::Prepared(map) => map.points(),
+        }
     }
 
-    /// The paper's metrics of `query` at any pose, against the map as given: at the truth, the
-    /// ceiling that no method can be asked to exceed.
+    /// What [`KeptMap::inliers`] compares with, in words.
     #[must_use]
+    pub fn inlier_reference(&self) -> &'static str {
+        match self.source {
+            Source::Cloud(_) => "map as read",
+            Source::Prepared(_) => "finest level of the built map",
+        }
+    }
+
+    /// The paper's metrics of `query` at any pose, against the map as given, or, where it was prepared
+    /// beforehand, against its finest level: at the truth, the ceiling that no method can be asked to exceed.
+    ///
+    /// # Errors
+    /// [`Error::Map`](crate::Error::Map) where a prepared map is damaged.
     pub fn inliers(
         &mut self,
         query: &Cloud,
         map_from_query: &Pose,
         config: &VerifyConfig,
-    ) -> InlierMetrics {
-        let origin = self.cloud.origin();
+    ) -> Result<InlierMetrics> {
         let distance = config.inlier_distance;
-        metrics::inliers(self.tree(), origin, query, map_from_query, distance)
-    }
-
-    /// Drops what other settings gave.
-    pub(crate) fn settle(&mut self, config: &Config) {
-        let settings = Settings::of(config);
-        if self.settings.as_ref() != Some(&settings) {
-            // Neither the measure nor the tree depends on them.
-            self.sizes.clear();
-            self.settings = Some(settings);
+        let of = |tree: &KdTree<'_>, origin| {
+            metrics::inliers(tree, origin, query, map_from_query, distance)
+        };
+        match self.source {
+            Source::Cloud(cloud) => Ok(of(self.tree(cloud), cloud.origin())),
+            Source::Prepared(map) => {
+                let finest = map.surface(0)?;
+                Ok(of(&finest.tree, finest.origin))
+            }
         }
     }
 
-    pub(crate) fn measure(&mut self) -> Option<Measure> {
-        *self
-            .measure
-            .get_or_insert_with(|| scale::measure(&self.cloud))
+    /// Makes what [`KeptMap::inliers`] looks things up in; how many points that has.
+    pub(crate) fn reference(&mut self) -> Result<usize> {
+        match self.source {
+            Source::Cloud(cloud) => Ok(self.tree(cloud).len()),
+            Source::Prepared(map) => Ok(map.surface(0)?.points.len()),
+        }
     }
 
     /// The tree over all points of the map.
-    pub(crate) fn tree(&mut self) -> &KdTree {
+    fn tree(&mut self, cloud: &Cloud) -> &KdTree<'static> {
         self.tree
-            .get_or_insert_with(|| KdTree::build(self.cloud.points()))
+            .get_or_insert_with(|| KdTree::build(cloud.points()))
     }
 
-    pub(crate) fn at(&mut self, voxel: f64, config: &Config) -> &mut MapAt {
-        self.sizes.at(voxel, || MapAt {
-            surface: prepare(&self.cloud, &config.prepare, voxel),
-            features: None,
-            cells: None,
-            mark: Arc::new(()),
+    /// Drops what other settings gave.
+    pub(crate) fn settle(&mut self, config: &Config) -> Result<()> {
+        if let Source::Prepared(map) = self.source {
+            map.agrees(config)?;
+        }
+        let settings = Settings::of(config);
+        if self.settings.as_ref() != Some(&settings) {
+            // Neither the spacing nor the tree depends on them.
+            self.sizes.clear();
+            self.base = None;
+            self.measure = None;
+            self.settings = Some(settings);
+        }
+        Ok(())
+    }
+
+    /// `None` where the map has no two distinct points.
+    pub(crate) fn measure(&mut self, config: &Config) -> Option<Measure> {
+        match self.source {
+            Source::Prepared(map) => Some(map.measure()),
+            Source::Cloud(_) if self.measure.is_some() => self.measure,
+            Source::Cloud(cloud) => {
+                let points = cloud.points();
+                let spacing = (*self.spacing.get_or_insert_with(|| scale::spacing(points)))?;
+                let voxel = scale::base_voxel(spacing);
+                let base = kept_base(&mut self.base, cloud, voxel, config);
+                let Ok(measure) =
+                    scale::measure_base(&base.points, cloud.origin(), spacing, &Memory);
+                self.measure = Some(measure);
+                self.measure
+            }
+        }
+    }
+
+    /// The voxel sizes at which the map is or will be prepared, given its measure, finest first.
+    pub(crate) fn voxels(&self, measure: &Measure) -> Vec<f64> {
+        match self.source {
+            Source::Cloud(_) => scale::levels(measure),
+            Source::Prepared(map) => map.voxels().to_vec(),
+        }
+    }
+
+    /// The map at `voxel` metres.
+    pub(crate) fn at(&mut self, voxel: f64, config: &Config) -> Result<&mut MapAt<'a>> {
+        let (source, kept, spacing) = (self.source, &mut self.base, self.spacing.flatten());
+        self.sizes.try_at(voxel, || {
+            let (surface, prepared) = match source {
+                Source::Prepared(map) => {
+                    let same = |v: &f64| v.to_bits() == voxel.to_bits();
+                    let level = map.voxels().iter().position(same).unwrap_or(0);
+                    (map.surface(level)?, Some((map, level)))
+                }
+                Source::Cloud(cloud) => {
+                    // A voxel that was asked for is its own base.
+                    let finest = match spacing {
+                        Some(spacing) if config.scale.voxel <= 0.0 => scale::base_voxel(spacing),
+                        _ => voxel,
+                    };
+                    let base = kept_base(kept, cloud, finest, config);
+                    let frame = Frame {
+                        origin: cloud.origin(),
+                        viewpoint: cloud.viewpoint(),
+                    };
+                    let points = (&base.points[..], &base.weights[..]);
+                    let Ok(surface) = level_in(points, frame, voxel, config, &Memory);
+                    (surface.into_surface(), None)
+                }
+            };
+            Ok(MapAt {
+                surface,
+                prepared,
+                features: None,
+                cells: None,
+                mark: Arc::new(()),
+            })
         })
     }
+}
+
+/// The base of `cloud` in cells of `voxel` metres, made where it is not the one kept.
+fn kept_base<'k>(
+    kept: &'k mut Option<(f64, Base)>,
+    cloud: &Cloud,
+    voxel: f64,
+    config: &Config,
+) -> &'k Base {
+    let known = kept.take().filter(|(v, _)| v.to_bits() == voxel.to_bits());
+    let (_, base) = kept.insert(known.unwrap_or_else(|| {
+        let base = if config.prepare.denoise_first {
+            base_of(&remove_outliers(cloud, &config.prepare, voxel), voxel)
+        } else {
+            base_of(cloud, voxel)
+        };
+        (voxel, base)
+    }));
+    base
 }
 
 impl<'a> KeptQuery<'a> {
@@ -280,24 +408,31 @@ impl<'a> KeptQuery<'a> {
     }
 }
 
-impl MapAt {
-    pub(crate) fn describe(&mut self, config: &Config) -> &Features {
-        self.features
-            .get_or_insert_with(|| describe(&self.surface, config))
+impl<'a> MapAt<'a> {
+    /// Keypoints and descriptors.
+    pub(crate) fn describe(&mut self, config: &Config) -> Result<&Features<'a>> {
+        let features = match (self.features.take(), self.prepared) {
+            (Some(known), _) => known,
+            (None, Some((map, level))) => map.features(level)?,
+            (None, None) => describe_map(&self.surface, config),
+        };
+        Ok(self.features.insert(features))
     }
 
     /// The Gaussians of NDT, coarse to fine, and the surface they were made of.
-    pub(crate) fn cells(&mut self, config: &Config) -> (&[NdtCells], &Surface) {
-        let cells = self
-            .cells
-            .get_or_insert_with(|| ndt::levels(&self.surface, &config.ndt));
-        (cells, &self.surface)
+    pub(crate) fn cells(&mut self, config: &Config) -> Result<(&[NdtCells<'a>], &Surface<'a>)> {
+        let cells = match (self.cells.take(), self.prepared) {
+            (Some(known), _) => known,
+            (None, Some((map, level))) => map.cells(level)?,
+            (None, None) => ndt::levels(&self.surface, &config.ndt),
+        };
+        Ok((self.cells.insert(cells), &self.surface))
     }
 }
 
 impl QueryAt {
     /// Forgets where refiners led to on any other map.
-    pub(crate) fn refine_on(&mut self, map: &MapAt) {
+    pub(crate) fn refine_on(&mut self, map: &MapAt<'_>) {
         if !Arc::ptr_eq(&self.refinements.mark, &map.mark) {
             self.refinements = Refinements {
                 mark: Arc::clone(&map.mark),
@@ -306,43 +441,37 @@ impl QueryAt {
         }
     }
 
-    pub(crate) fn describe(&mut self, config: &Config) -> &Features {
+    pub(crate) fn describe(&mut self, config: &Config) -> &Features<'static> {
         self.features
             .get_or_insert_with(|| describe(&self.surface, config))
     }
 
     /// The matches of this query's descriptors among the map's.
-    pub(crate) fn matches(&mut self, map: &mut MapAt, config: &Config) -> &[Correspondence] {
+    pub(crate) fn matches(
+        &mut self,
+        map: &mut MapAt<'_>,
+        config: &Config,
+    ) -> Result<&[Correspondence]> {
         let known = self
             .correspondences
             .take()
             .filter(|(mark, _)| Arc::ptr_eq(mark, &map.mark));
-        let (_, found) = self.correspondences.insert(known.unwrap_or_else(|| {
-            let own = self
-                .features
-                .get_or_insert_with(|| describe(&self.surface, config));
-            let found = match_descriptors(
-                &own.descriptors,
-                &map.describe(config).descriptors,
-                &config.matching,
-            );
-            (Arc::clone(&map.mark), found)
-        }));
-        found
-    }
-
-    /// What a pose is estimated from: the map's features, the query's, and the matches between.
-    pub(crate) fn evidence<'a>(
-        &'a mut self,
-        map: &'a mut MapAt,
-        config: &Config,
-    ) -> (&'a Features, &'a Features, &'a [Correspondence]) {
-        self.matches(map, config);
-        let own = self
-            .features
-            .get_or_insert_with(|| describe(&self.surface, config));
-        let matches = self.correspondences.as_ref().map_or(&[][..], |(_, m)| m);
-        (map.describe(config), own, matches)
+        let known = match known {
+            Some(known) => known,
+            None => {
+                let own = self
+                    .features
+                    .get_or_insert_with(|| describe(&self.surface, config));
+                let found = match_descriptors(
+                    &own.descriptors,
+                    &map.describe(config)?.descriptors,
+                    &config.matching,
+                );
+                (Arc::clone(&map.mark), found)
+            }
+        };
+        let (_, found) = self.correspondences.insert(known);
+        Ok(found)
     }
 }
 
@@ -367,20 +496,33 @@ impl<T> Recent<T> {
     }
 
     fn at(&mut self, voxel: f64, make: impl FnOnce() -> T) -> &mut T {
+        let made: std::result::Result<_, Infallible> = self.try_at(voxel, || Ok(make()));
+        let Ok(made) = made;
+        made
+    }
+
+    fn try_at<E>(
+        &mut self,
+        voxel: f64,
+        make: impl FnOnce() -> std::result::Result<T, E>,
+    ) -> std::result::Result<&mut T, E> {
         let known = self
             .held
             .iter()
             .position(|(v, _)| v.to_bits() == voxel.to_bits());
-        let entry = known.map(|i| self.held.remove(i)).unwrap_or_else(|| {
-            // Before the new one is made, so that no more than `most` are ever there.
-            if self.held.len() >= self.most {
-                self.held.remove(0);
+        let entry = match known {
+            Some(i) => self.held.remove(i),
+            None => {
+                // Before the new one is made, so that no more than `most` are ever there.
+                if self.held.len() >= self.most {
+                    self.held.remove(0);
+                }
+                (voxel, make()?)
             }
-            (voxel, make())
-        });
+        };
         self.held.push(entry);
         let last = self.held.len() - 1;
-        &mut self.held[last].1
+        Ok(&mut self.held[last].1)
     }
 }
 

@@ -61,6 +61,7 @@
 //!
 //! Metres, radians and seconds; right-handed frames; `a_from_b` takes points of frame b to frame a.
 
+pub mod base;
 pub mod cloud;
 pub mod columns;
 pub mod config;
@@ -85,6 +86,7 @@ pub mod outcome;
 mod parallel;
 pub mod pose;
 pub mod prepare;
+pub mod prepared;
 pub mod ransac;
 pub mod refine;
 mod request;
@@ -106,3 +108,4 @@ pub use locate::{Request, locate, locate_by, locate_in};
 pub use method::Method;
 pub use outcome::{Outcome, Verdict};
 pub use pose::{Pose, PoseDistance};
+pub use prepared::PreparedMap;

@@ -6,7 +6,6 @@
 //!                                                                     verify, judge ─> Outcome
 //! ```
 
-use std::borrow::Cow;
 use std::time::Instant;
 
 use rayon::prelude::*;
@@ -14,7 +13,9 @@ use rayon::prelude::*;
 use crate::cloud::Cloud;
 use crate::config::{Config, IcpConfig, IcpMetric, Length, VerifyConfig};
 use crate::error::{Error, Result};
+use crate::features::Features;
 use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt, Refiner};
+use crate::matching::match_descriptors;
 use crate::method::Method;
 use crate::ndt::NdtCells;
 use crate::outcome::{Outcome, RankedHypothesis, Stage, Verdict};
@@ -50,14 +51,12 @@ pub fn locate_by(
     config: &Config,
     request: &Request<'_>,
 ) -> Result<Outcome> {
-    let mut map = KeptMap::once(Cow::Borrowed(map));
+    let mut map = KeptMap::once(map);
     locate_in(&mut map, &mut KeptQuery::once(query), config, request)
 }
 
 /// Finds `query` in `map` by any method, and keeps the work on both for the next question: the
 /// same answer as [`locate_by`]'s, sooner. A stage whose work was kept takes no time.
-///
-/// A region asked for ([`Request::near`]) is cut out of the map anew each time.
 ///
 /// # Errors
 /// As [`locate`].
@@ -75,21 +74,14 @@ pub fn locate_in(
         map_seconds: 0.0,
         stages: Vec::new(),
     };
-    if map.cloud().len() < MIN_MAP_POINTS {
+    if map.points() < MIN_MAP_POINTS {
         return Err(Error::EmptyMap {
-            points: map.cloud().len(),
+            points: map.points(),
         });
     }
-    map.settle(config);
+    map.settle(config)?;
     query.settle(config);
-    let mut cropped = request.near.map(|near| {
-        let part = near.crop(map.cloud(), query.limited(config));
-        KeptMap::once(Cow::Owned(part))
-    });
-    let region = cropped.as_mut().unwrap_or(&mut *map);
-    let sizes = run
-        .sizes(region, query)
-        .ok_or_else(|| nothing_in(request.near))?;
+    let sizes = run.sizes(map, query).ok_or(Error::EmptyMap { points: 1 })?;
     let mut best: Option<Attempt> = None;
     for &voxel in &sizes {
         // A coarser voxel than the first must not make the judge more lenient.
@@ -98,7 +90,7 @@ pub fn locate_in(
             fine_tolerance: Length::Metres(config.verify.fine_tolerance.metres(strictest)),
             ..config.verify.clone()
         };
-        let attempt = run.attempt(region, query, voxel, &verify);
+        let attempt = run.attempt(map, query, voxel, &verify)?;
         let settled = attempt.is_settled();
         if best.as_ref().is_none_or(|b| attempt.better_than(b)) {
             best = Some(attempt);
@@ -119,17 +111,7 @@ pub fn locate_in(
         );
         Attempt::without_pose(0.0, Verdict::Insufficient, reason)
     });
-    Ok(run.outcome(map, query.cloud(), best))
-}
-
-/// What is wrong with a map of which nothing is left to measure.
-fn nothing_in(near: Option<Near>) -> Error {
-    near.map_or(Error::EmptyMap { points: 1 }, |near| Error::EmptyRegion {
-        x: near.centre[0],
-        y: near.centre[1],
-        z: near.centre[2],
-        radius_m: near.radius,
-    })
+    run.outcome(map, query.cloud(), best)
 }
 
 /// What one voxel size gave.
@@ -167,6 +149,60 @@ impl Attempt {
     }
 }
 
+/// Where the query can be.
+#[derive(Clone, Copy)]
+struct Region {
+    near: Near,
+    /// From the ball's centre, metres.
+    reach: f64,
+}
+
+impl Region {
+    /// # Errors
+    /// [`Error::EmptyRegion`] where nothing of the map lies within reach.
+    fn check(&self, map: &Surface<'_>) -> Result<()> {
+        let Near { centre, radius } = self.near;
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "offsets within f32's range, or far from all of them"
+        )]
+        let (at, reach) = (
+            std::array::from_fn(|a| (centre[a] - map.origin[a]) as f32),
+            self.reach as f32,
+        );
+        if map.tree.nearest_within(at, reach).is_some() {
+            return Ok(());
+        }
+        Err(Error::EmptyRegion {
+            x: centre[0],
+            y: centre[1],
+            z: centre[2],
+            radius_m: radius,
+        })
+    }
+
+    /// The features within reach.
+    fn cut(&self, map: &Features<'_>) -> Features<'static> {
+        let within = |p: &[f32; 3]| {
+            let d: [f64; 3] =
+                std::array::from_fn(|a| map.origin[a] + f64::from(p[a]) - self.near.centre[a]);
+            d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= self.reach * self.reach
+        };
+        let (points, descriptors): (Vec<_>, Vec<_>) = map
+            .points
+            .iter()
+            .zip(map.descriptors.iter())
+            .filter(|(p, _)| within(p))
+            .unzip();
+        Features {
+            origin: map.origin,
+            points: points.into(),
+            descriptors: descriptors.into(),
+            qualified: 0,
+        }
+    }
+}
+
 struct Run<'a> {
     config: &'a Config,
     request: &'a Request<'a>,
@@ -177,18 +213,15 @@ struct Run<'a> {
 }
 
 impl Run<'_> {
-    /// Voxel sizes to try: the one that was set, else those that the data suggest. Only `auto` tries
+    /// Voxel sizes to try: the one that was set, else the map's own, the best for the query first. Only `auto` tries
     /// more than one. Empty where the query has no two distinct points, `None` where the map has none.
     fn sizes(&mut self, map: &mut KeptMap<'_>, query: &mut KeptQuery<'_>) -> Option<Vec<f64>> {
         let config = self.config;
-        if map.cloud().is_empty() {
-            return None;
-        }
         if config.scale.voxel > 0.0 {
             return Some(vec![config.scale.voxel]);
         }
-        let map_measure = self.map_stage("measure map", map.cloud().len(), || {
-            let measure = map.measure();
+        let map_measure = self.map_stage("measure map", map.points(), || {
+            let measure = map.measure(config);
             (measure, usize::from(measure.is_some()))
         })?;
         let points = query.limited(config).len();
@@ -201,7 +234,11 @@ impl Run<'_> {
         } else {
             1
         };
-        Some(query_measure.map_or_else(Vec::new, |m| scale::candidates(&map_measure, &m, tries)))
+        let voxels = map.voxels(&map_measure);
+        let chosen = query_measure.map_or_else(Vec::new, |query| {
+            scale::choose(&voxels, &map_measure, &query, tries)
+        });
+        Some(chosen.into_iter().map(|i| voxels[i]).collect())
     }
 
     fn attempt(
@@ -210,9 +247,14 @@ impl Run<'_> {
         query: &mut KeptQuery<'_>,
         voxel: f64,
         verify: &VerifyConfig,
-    ) -> Attempt {
+    ) -> Result<Attempt> {
         let (config, request) = (self.config, self.request);
-        let points = query.limited(config).len();
+        let limited = query.limited(config);
+        let points = limited.len();
+        let region = request.near.map(|near| Region {
+            near,
+            reach: near.reach(limited),
+        });
         let query_at = self.stage("prepare query", points, || {
             let at = query.at(voxel, config);
             let n = at.surface.points.len();
@@ -220,31 +262,34 @@ impl Run<'_> {
         });
         // Nothing need be done on the map for a query that is too poor to look for.
         if let Some(judgement) = insufficient(&query_at.surface, verify) {
-            return Attempt {
+            return Ok(Attempt {
                 voxel,
                 judgement,
                 ranked: Vec::new(),
-            };
+            });
         }
-        let map_at = self.map_stage("prepare map", map.cloud().len(), || {
+        let map_at = self.map_stage("prepare map", map.points(), || {
             let at = map.at(voxel, config);
-            let n = at.surface.points.len();
+            let n = at.as_ref().map_or(0, |at| at.surface.points.len());
             (at, n)
-        });
+        })?;
         if map_at.surface.points.len() < MIN_MAP_POINTS {
             let reason = format!(
                 "the map has {} points at a voxel size of {voxel:.3} m, too few to compare with",
                 map_at.surface.points.len()
             );
-            return Attempt::without_pose(voxel, Verdict::NotFound, reason);
+            return Ok(Attempt::without_pose(voxel, Verdict::NotFound, reason));
+        }
+        if let Some(region) = region {
+            region.check(&map_at.surface)?;
         }
         let starts = if request.method.uses_features() {
-            self.hypotheses(map_at, query_at, voxel)
+            self.hypotheses(map_at, query_at, voxel, region)?
         } else {
             vec![request.initial.unwrap_or_default()]
         };
         query_at.refine_on(map_at);
-        let mut candidates = self.refine(map_at, query_at, &starts, verify);
+        let mut candidates = self.refine(map_at, query_at, &starts, verify)?;
         let (map, query) = (&map_at.surface, &query_at.surface);
         let found = candidates.len();
         // Refinement may have led a pose away from what is known beforehand.
@@ -252,7 +297,7 @@ impl Run<'_> {
         candidates.retain(|c| request.plausible(&c.map_from_query, centroid));
         if found > 0 && candidates.is_empty() {
             let reason = "no pose found agrees with the region or the attitude asked for".into();
-            return Attempt::without_pose(voxel, Verdict::NotFound, reason);
+            return Ok(Attempt::without_pose(voxel, Verdict::NotFound, reason));
         }
         let (ranked, judgement) = match candidates[..] {
             [lead, _, ..] if request.method != Method::Auto => {
@@ -265,18 +310,18 @@ impl Run<'_> {
                 ((ranked, judgement), n)
             }),
         };
-        Attempt {
+        Ok(Attempt {
             voxel,
             judgement,
             ranked,
-        }
+        })
     }
 
     /// The paper's methods answer with the pose that most correspondences support, as it leaves their
     /// last stage. Whether its place has rivals is asked of all candidates refined alike.
     fn weigh_rivals(
         &mut self,
-        map: &Surface,
+        map: &Surface<'_>,
         query: &QueryAt,
         lead: Candidate,
         candidates: &[Candidate],
@@ -325,24 +370,52 @@ impl Run<'_> {
     }
 
     /// Describe, match, estimate.
-    fn hypotheses(&mut self, map: &mut MapAt, query: &mut QueryAt, voxel: f64) -> Vec<Pose> {
+    fn hypotheses(
+        &mut self,
+        map: &mut MapAt<'_>,
+        query: &mut QueryAt,
+        voxel: f64,
+        region: Option<Region>,
+    ) -> Result<Vec<Pose>> {
         let config = self.config;
         self.map_stage("describe map", map.surface.points.len(), || {
-            ((), map.describe(config).points.len())
-        });
+            let described = map.describe(config).map(|f| f.points.len());
+            let n = described.as_ref().copied().unwrap_or_default();
+            (described, n)
+        })?;
         let keypoints = self.stage("describe query", query.surface.points.len(), || {
             let n = query.describe(config).points.len();
             (n, n)
         });
-        self.stage("match", keypoints, || {
-            ((), query.matches(map, config).len())
-        });
+        let cut = match region {
+            Some(region) => Some(region.cut(map.describe(config)?)),
+            None => None,
+        };
+        let correspondences = self.stage("match", keypoints, || {
+            let matches = match &cut {
+                Some(cut) => {
+                    let own = query.describe(config);
+                    Ok(match_descriptors(
+                        &own.descriptors,
+                        &cut.descriptors,
+                        &config.matching,
+                    ))
+                }
+                None => query.matches(map, config).map(<[_]>::to_vec),
+            };
+            let n = matches.as_ref().map_or(0, Vec::len);
+            (matches, n)
+        })?;
         let centroid = query.surface.centroid().unwrap_or_default();
-        let (map_features, query_features, correspondences) = query.evidence(map, config);
+        let map_features = match &cut {
+            Some(cut) => cut,
+            None => map.describe(config)?,
+        };
+        let query_features = query.describe(config);
         let request = self.request;
         let estimate = self.stage("estimate", correspondences.len(), || {
             let e = ransac::estimate(
-                correspondences,
+                &correspondences,
                 query_features,
                 map_features,
                 &config.ransac,
@@ -353,22 +426,22 @@ impl Run<'_> {
             let n = e.hypotheses.len();
             (e, n)
         });
-        estimate
+        Ok(estimate
             .hypotheses
             .iter()
             .map(|h| h.map_from_query)
-            .collect()
+            .collect())
     }
 
     /// The method's refiners on every start that a first look leaves in the race; candidates come in
     /// the order of `starts`.
     fn refine(
         &mut self,
-        map: &mut MapAt,
+        map: &mut MapAt<'_>,
         query: &QueryAt,
         starts: &[Pose],
         verify: &VerifyConfig,
-    ) -> Vec<Candidate> {
+    ) -> Result<Vec<Candidate>> {
         let (config, method) = (self.config, self.request.method);
         let (query, known) = (&query.surface, &query.refinements);
         let mut poses: Vec<(Pose, Option<StopReason>)> =
@@ -393,11 +466,14 @@ impl Run<'_> {
             });
         }
         let candidates: Vec<Candidate> = if method.uses_ndt() && !poses.is_empty() {
-            let (levels, map) = self.map_stage("make NDT cells", map.surface.points.len(), || {
-                let (levels, surface) = map.cells(config);
-                let n = levels.iter().map(NdtCells::len).sum();
-                ((levels, surface), n)
-            });
+            let (levels, map) =
+                self.map_stage("make NDT cells", map.surface.points.len(), || {
+                    let cells = map.cells(config);
+                    let count =
+                        |(levels, _): &(&[NdtCells<'_>], _)| levels.iter().map(NdtCells::len).sum();
+                    let n = cells.as_ref().map_or(0, count);
+                    (cells, n)
+                })?;
             let candidate =
                 |pose: Pose, stop: Option<StopReason>| candidate(pose, stop, map, query, verify);
             // A start that no features found is a guess: far from the truth the residual says little. `auto` weighs many
@@ -425,14 +501,14 @@ impl Run<'_> {
         let candidate =
             |pose: Pose, stop: Option<StopReason>| candidate(pose, stop, map, query, verify);
         if !method.uses_icp() || candidates.is_empty() {
-            return candidates;
+            return Ok(candidates);
         }
         let icp_config = if method == Method::Auto {
             point_to_plane(&config.icp)
         } else {
             config.icp.clone()
         };
-        self.stage("refine by ICP", candidates.len(), || {
+        Ok(self.stage("refine by ICP", candidates.len(), || {
             let hopeful = hopeful(&candidates, verify);
             let polish = |(c, hopeful): (&Candidate, &bool)| {
                 if !hopeful {
@@ -447,21 +523,27 @@ impl Run<'_> {
             };
             let polished = candidates.par_iter().zip(&hopeful).map(polish).collect();
             (polished, hopeful.iter().filter(|h| **h).count())
-        })
+        }))
     }
 
-    fn outcome(mut self, map: &mut KeptMap<'_>, query: &Cloud, best: Attempt) -> Outcome {
+    fn outcome(mut self, map: &mut KeptMap<'_>, query: &Cloud, best: Attempt) -> Result<Outcome> {
         let verify = &self.config.verify;
         let pose = best.ranked.first().map(|c| c.map_from_query);
-        let inliers = pose.map(|pose| {
-            let points = map.cloud().len();
-            self.map_stage("build map tree", points, || ((), map.tree().len()));
-            self.stage("metrics", query.len(), || {
-                (map.inliers(query, &pose, verify), query.len())
-            })
-        });
+        let inliers = match pose {
+            Some(pose) => {
+                self.map_stage("build map tree", map.points(), || {
+                    let made = map.reference();
+                    let n = made.as_ref().copied().unwrap_or_default();
+                    (made, n)
+                })?;
+                Some(self.stage("metrics", query.len(), || {
+                    (map.inliers(query, &pose, verify), query.len())
+                })?)
+            }
+            None => None,
+        };
         let finite = |v: f64| v.is_finite().then_some(v);
-        Outcome {
+        Ok(Outcome {
             verdict: best.judgement.verdict,
             reason: best.judgement.reason,
             confidence: None,
@@ -485,16 +567,16 @@ impl Run<'_> {
             inlier_fraction: inliers.map(|m| m.fraction),
             inlier_rmse: inliers.and_then(|m| m.rmse),
             inlier_distance: verify.inlier_distance,
-            inlier_reference: "map as read",
+            inlier_reference: map.inlier_reference(),
             voxel: (best.voxel > 0.0).then_some(best.voxel),
             stages: self.stages,
             seconds: self.begun.elapsed().as_secs_f64(),
             map_seconds: self.map_seconds,
             method: self.request.method.name(),
             seed: self.config.seed,
-            map_points: map.cloud().len(),
+            map_points: map.points(),
             query_points: query.len(),
-        }
+        })
     }
 
     /// Runs a stage that looks at the map alone.
@@ -535,8 +617,8 @@ fn guarded(
     guard: bool,
     before: impl FnOnce() -> Candidate,
     after: Candidate,
-    map: &Surface,
-    query: &Surface,
+    map: &Surface<'_>,
+    query: &Surface<'_>,
     verify: &VerifyConfig,
 ) -> Candidate {
     if guard {
@@ -550,8 +632,8 @@ fn guarded(
 fn candidate(
     pose: Pose,
     stop: Option<StopReason>,
-    map: &Surface,
-    query: &Surface,
+    map: &Surface<'_>,
+    query: &Surface<'_>,
     verify: &VerifyConfig,
 ) -> Candidate {
     Candidate {

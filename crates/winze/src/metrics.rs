@@ -22,7 +22,7 @@ pub struct InlierMetrics {
 /// trusted.
 #[must_use]
 pub fn inliers(
-    map_tree: &KdTree,
+    map_tree: &KdTree<'_>,
     map_origin: [f64; 3],
     query: &Cloud,
     map_from_query: &Pose,

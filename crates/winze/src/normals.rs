@@ -33,14 +33,26 @@ pub struct Neighbourhood {
 /// `[0, 0, 0]` where the neighbourhood spans no plane (fewer than three points, a line, or points
 /// that all coincide): such a normal is undefined and must not be used.
 #[must_use]
-pub fn estimate(points: &[[f32; 3]], tree: &KdTree, around: Neighbourhood) -> Vec<[f32; 3]> {
+pub fn estimate(points: &[[f32; 3]], tree: &KdTree<'_>, around: Neighbourhood) -> Vec<[f32; 3]> {
+    let mut normals = vec![[0.0; 3]; points.len()];
+    estimate_into(&mut normals, points, tree, around);
+    normals
+}
+
+/// As [`estimate`], into `normals`.
+pub(crate) fn estimate_into(
+    normals: &mut [[f32; 3]],
+    points: &[[f32; 3]],
+    tree: &KdTree<'_>,
+    around: Neighbourhood,
+) {
     #[expect(clippy::cast_possible_truncation, reason = "a radius in metres")]
     let radius = if around.radius > 0.0 {
         around.radius as f32
     } else {
         f32::INFINITY
     };
-    parallel::map_with(points.len(), Vec::new, |found, i| {
+    parallel::fill(normals, Vec::new, |found, i| {
         found.clear();
         if around.most > 0 {
             tree.knn(points[i], around.most, radius, found);
@@ -57,7 +69,7 @@ pub fn estimate(points: &[[f32; 3]], tree: &KdTree, around: Neighbourhood) -> Ve
         }
         #[expect(clippy::cast_possible_truncation, reason = "unit components")]
         of_neighbourhood(points, points[i], found).map_or([0.0; 3], |n| n.map(|v| v as f32))
-    })
+    });
 }
 
 /// The normal of the plane through `neighbours` of `p`; `None` where they span none.
@@ -140,7 +152,7 @@ pub fn orient_towards(points: &[[f32; 3]], normals: &mut [[f32; 3]], viewpoint: 
 pub fn orient_open_side(
     points: &[[f32; 3]],
     normals: &mut [[f32; 3]],
-    coarse: &KdTree,
+    coarse: &KdTree<'_>,
     coarse_points: &[[f32; 3]],
     radius: f64,
 ) {

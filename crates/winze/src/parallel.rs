@@ -17,6 +17,20 @@ pub(crate) fn chunks<R: Send>(n: usize, f: impl Fn(Range<usize>) -> R + Sync) ->
         .collect()
 }
 
+/// Fills `out`, one value a place, computed with scratch space that a chunk shares.
+pub(crate) fn fill<S, T: Send>(
+    out: &mut [T],
+    scratch: impl Fn() -> S + Sync,
+    f: impl Fn(&mut S, usize) -> T + Sync,
+) {
+    out.par_chunks_mut(CHUNK).enumerate().for_each(|(c, part)| {
+        let mut s = scratch();
+        for (k, place) in part.iter_mut().enumerate() {
+            *place = f(&mut s, c * CHUNK + k);
+        }
+    });
+}
+
 /// One value for each of `0..n`, computed with scratch space that a chunk shares.
 pub(crate) fn map_with<S, T: Send>(
     n: usize,

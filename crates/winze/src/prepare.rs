@@ -4,35 +4,92 @@
 //! Thinning comes before outlier removal (unless asked otherwise), so that the statistics of a
 //! dense scan and of a sparse map compare, and so that the costly step sees the fewer points.
 
+use std::borrow::Cow;
+
+use rayon::prelude::*;
+
 use crate::cloud::Cloud;
+use crate::columns::{Columns, Memory};
 use crate::config::{Orientation, PrepareConfig};
 use crate::denoise;
-use crate::kdtree::KdTree;
+use crate::kdtree::{self, KdTree, TreeColumns};
 use crate::normals::{self, Neighbourhood};
 use crate::voxel;
 
-/// A prepared cloud: points at one voxel size with normals and a neighbour tree.
+/// A prepared cloud: points at one voxel size with normals and a neighbour tree. Its arrays are its
+/// own, or lie in a mapped file.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Surface {
+pub struct Surface<'a> {
     /// Origin of all offsets, in the cloud's frame, metres.
     pub origin: [f64; 3],
     /// Voxel size the points were thinned to, metres.
     pub voxel: f64,
     /// Offsets from the origin in the tree's leaf order: neighbours in space are neighbours in
     /// memory.
-    pub points: Vec<[f32; 3]>,
+    pub points: Cow<'a, [[f32; 3]]>,
     /// Unit normals, oriented by one rule; `[0, 0, 0]` where undefined.
-    pub normals: Vec<[f32; 3]>,
+    pub normals: Cow<'a, [[f32; 3]]>,
     /// Neighbours; its indices are those of `points`.
-    pub tree: KdTree,
+    pub tree: KdTree<'a>,
 }
 
-impl Surface {
+impl Surface<'_> {
     /// The mean point in the cloud's frame, `None` where there are no points.
     #[must_use]
     pub fn centroid(&self) -> Option<[f64; 3]> {
         crate::cloud::centroid(&self.points).map(|c| std::array::from_fn(|a| c[a] + self.origin[a]))
     }
+}
+
+/// The columns of a surface that was just made.
+pub struct SurfaceColumns<C: Columns> {
+    /// See [`Surface::origin`].
+    pub origin: [f64; 3],
+    /// See [`Surface::voxel`].
+    pub voxel: f64,
+    /// See [`Surface::points`].
+    pub points: C::Column<[f32; 3]>,
+    /// See [`Surface::normals`].
+    pub normals: C::Column<[f32; 3]>,
+    /// The tree over points in another order, which `points` no longer have.
+    tree: TreeColumns<C>,
+}
+
+impl<C: Columns> SurfaceColumns<C> {
+    /// The surface.
+    #[must_use]
+    pub fn view(&self) -> Surface<'_> {
+        Surface {
+            origin: self.origin,
+            voxel: self.voxel,
+            points: Cow::Borrowed(&self.points),
+            normals: Cow::Borrowed(&self.normals),
+            tree: self.tree.view().with_points_in_leaf_order(),
+        }
+    }
+}
+
+impl SurfaceColumns<Memory> {
+    /// The surface, with arrays of its own.
+    #[must_use]
+    pub fn into_surface(self) -> Surface<'static> {
+        Surface {
+            origin: self.origin,
+            voxel: self.voxel,
+            points: Cow::Owned(self.points),
+            normals: Cow::Owned(self.normals),
+            tree: self.tree.into_tree().with_points_in_leaf_order(),
+        }
+    }
+}
+
+/// Where offsets count from and from where they were seen, in the cloud's frame, metres.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Frame {
+    /// Origin of all offsets.
+    pub origin: [f64; 3],
+    /// Where the one sensor stood, where there was one.
+    pub viewpoint: Option<[f64; 3]>,
 }
 
 /// The query's range limits: points nearer than `min_range` or further than `max_range` from the
@@ -53,48 +110,109 @@ pub fn limit_range(cloud: &Cloud, config: &PrepareConfig) -> Cloud {
 
 /// Prepares `cloud` at `voxel` metres.
 #[must_use]
-pub fn prepare(cloud: &Cloud, config: &PrepareConfig, voxel: f64) -> Surface {
-    let thinned = if config.denoise_first {
-        voxel::downsample(&remove_outliers(cloud, config, voxel), voxel)
-    } else {
-        remove_outliers(&voxel::downsample(cloud, voxel), config, voxel)
+pub fn prepare(cloud: &Cloud, config: &PrepareConfig, voxel: f64) -> Surface<'static> {
+    let frame = Frame {
+        origin: cloud.origin(),
+        viewpoint: cloud.viewpoint(),
     };
-    let tree = KdTree::build(thinned.points());
-    let points: Vec<[f32; 3]> = tree
-        .order()
-        .iter()
-        .map(|&i| thinned.points()[i as usize])
-        .collect();
-    let tree = tree.with_points_in_leaf_order();
+    let Ok(surface) = if config.denoise_first {
+        let thinned = voxel::downsample(&remove_outliers(cloud, config, voxel), voxel);
+        surface_in(thinned.into_points(), frame, config, voxel, &Memory)
+    } else {
+        let thinned = voxel::downsample(cloud, voxel);
+        prepare_in(thinned.into_points(), frame, config, voxel, &Memory)
+    };
+    surface.into_surface()
+}
+
+/// Prepares points that were thinned to `voxel` metres already: outliers out, tree, normals.
+///
+/// # Errors
+/// Where a column cannot be had.
+pub fn prepare_in<C: Columns>(
+    mut points: C::Column<[f32; 3]>,
+    frame: Frame,
+    config: &PrepareConfig,
+    voxel: f64,
+    columns: &C,
+) -> Result<SurfaceColumns<C>, C::Error> {
+    if config.statistical_neighbours > 0 {
+        let tree = kdtree::build_in(&points, columns)?;
+        let mut keep = columns.zeros::<u8>(points.len())?;
+        keep.fill(1);
+        let mut distances = columns.zeros(points.len())?;
+        let limits = (config.statistical_neighbours, config.statistical_deviations);
+        denoise::mark_statistical(&mut keep, &mut distances, &points, &tree.view(), limits);
+        points = select(&points, &keep, columns)?;
+    }
+    if config.radius_neighbours > 0 {
+        let tree = kdtree::build_in(&points, columns)?;
+        let mut keep = columns.zeros::<u8>(points.len())?;
+        let limits = (
+            config.outlier_radius.metres(voxel),
+            config.radius_neighbours,
+        );
+        denoise::mark_radius(&mut keep, &points, &tree.view(), limits);
+        points = select(&points, &keep, columns)?;
+    }
+    surface_in(points, frame, config, voxel, columns)
+}
+
+/// The points that are marked, in order.
+fn select<C: Columns>(
+    points: &[[f32; 3]],
+    keep: &[u8],
+    columns: &C,
+) -> Result<C::Column<[f32; 3]>, C::Error> {
+    let mut out = columns.zeros(keep.iter().filter(|k| **k != 0).count())?;
+    let kept = points.iter().zip(keep).filter(|(_, k)| **k != 0);
+    for (place, (p, _)) in out.iter_mut().zip(kept) {
+        *place = *p;
+    }
+    Ok(out)
+}
+
+/// Tree and normals.
+fn surface_in<C: Columns>(
+    thinned: C::Column<[f32; 3]>,
+    frame: Frame,
+    config: &PrepareConfig,
+    voxel: f64,
+    columns: &C,
+) -> Result<SurfaceColumns<C>, C::Error> {
+    let tree = kdtree::build_in(&thinned, columns)?;
+    let mut points = columns.zeros::<[f32; 3]>(tree.order.len())?;
+    points
+        .par_iter_mut()
+        .zip(tree.order.par_iter())
+        .for_each(|(place, &i)| *place = thinned[i as usize]);
     let around = Neighbourhood {
         radius: config.normal_radius.metres(voxel),
         least: config.normal_least,
         most: config.normal_most,
     };
-    let mut normals = normals::estimate(&points, &tree, around);
-    match (config.orientation, thinned.viewpoint()) {
+    let mut normals = columns.zeros::<[f32; 3]>(points.len())?;
+    let named = tree.view().with_points_in_leaf_order();
+    normals::estimate_into(&mut normals, &points, &named, around);
+    match (config.orientation, frame.viewpoint) {
         (Orientation::Auto, Some(viewpoint)) => {
-            let origin = thinned.origin();
-            normals::orient_towards(
-                &points,
-                &mut normals,
-                std::array::from_fn(|a| viewpoint[a] - origin[a]),
-            );
+            let viewpoint = std::array::from_fn(|a| viewpoint[a] - frame.origin[a]);
+            normals::orient_towards(&points, &mut normals, viewpoint);
         }
-        _ => orient_open_side(
-            &thinned,
-            &points,
-            &mut normals,
-            config.open_side_radius.metres(voxel),
-        ),
+        _ => {
+            let radius = config.open_side_radius.metres(voxel);
+            let coarse = voxel::thin(&thinned, None, frame.origin, radius / 4.0, columns)?;
+            let tree = kdtree::build_in(&coarse, columns)?;
+            normals::orient_open_side(&points, &mut normals, &tree.view(), &coarse, radius);
+        }
     }
-    Surface {
-        origin: thinned.origin(),
+    Ok(SurfaceColumns {
+        origin: frame.origin,
         voxel,
         points,
         normals,
         tree,
-    }
+    })
 }
 
 /// Statistical, then radius outlier removal, each only where it is switched on.
@@ -120,12 +238,6 @@ pub fn remove_outliers(cloud: &Cloud, config: &PrepareConfig, voxel: f64) -> Clo
         ));
     }
     cloud
-}
-
-fn orient_open_side(thinned: &Cloud, points: &[[f32; 3]], normals: &mut [[f32; 3]], radius: f64) {
-    let coarse = voxel::downsample(thinned, radius / 4.0);
-    let tree = KdTree::build(coarse.points());
-    normals::orient_open_side(points, normals, &tree, coarse.points(), radius);
 }
 
 #[cfg(test)]
@@ -168,7 +280,7 @@ mod tests {
             &PrepareConfig::default(),
             0.2,
         );
-        for (i, p) in (0u32..).zip(&s.points) {
+        for (i, p) in (0u32..).zip(s.points.iter()) {
             assert_eq!(s.tree.nearest(*p).unwrap().index, i);
         }
     }
@@ -197,7 +309,7 @@ mod tests {
         let facing = s
             .points
             .iter()
-            .zip(&s.normals)
+            .zip(s.normals.iter())
             .filter(|(p, n)| n[0] * (3.0 - p[0]) - n[1] * p[1] - n[2] * p[2] >= 0.0);
         assert_eq!(facing.count(), s.points.len());
     }

@@ -78,8 +78,8 @@ struct Pairs {
 #[must_use]
 pub fn estimate(
     correspondences: &[Correspondence],
-    query: &Features,
-    map: &Features,
+    query: &Features<'_>,
+    map: &Features<'_>,
     config: &RansacConfig,
     voxel: f64,
     seed: u64,
@@ -313,7 +313,15 @@ mod tests {
     use super::*;
 
     /// `good` true correspondences under a known pose and `bad` random ones.
-    fn problem(good: usize, bad: usize) -> (Vec<Correspondence>, Features, Features, Pose) {
+    fn problem(
+        good: usize,
+        bad: usize,
+    ) -> (
+        Vec<Correspondence>,
+        Features<'static>,
+        Features<'static>,
+        Pose,
+    ) {
         let mut rng = Rng::new(4, 0);
         let pose = Pose::from_rotation_vector([0.4, 2.0, -1.0], [12.0, -7.0, 3.0]);
         let mut place = || -> [f64; 3] {
@@ -429,7 +437,7 @@ mod tests {
         let twin = truth.compose(&Pose::from_translation([0.0, 40.0, 0.0]));
         let mut map = map;
         for i in 250..450 {
-            map.points[i] = twin
+            map.points.to_mut()[i] = twin
                 .transform(query.points[i].map(f64::from))
                 .map(|v| v as f32);
         }
@@ -506,7 +514,7 @@ mod tests {
         }
         // All keypoints on one spot: every sample is degenerate.
         let spot = Features {
-            points: vec![[1.0; 3]; 3],
+            points: vec![[1.0; 3]; 3].into(),
             ..Features::default()
         };
         let config = RansacConfig {

@@ -77,8 +77,8 @@ const SIGNIFICANT: f64 = 2.0;
 /// leaves it worse (`docs/refinement.md`).
 #[must_use]
 pub fn keep_better(
-    map: &Surface,
-    query: &Surface,
+    map: &Surface<'_>,
+    query: &Surface<'_>,
     before: Candidate,
     after: Candidate,
     config: &VerifyConfig,

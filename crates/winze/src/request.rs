@@ -1,7 +1,6 @@
 //! What a run is asked besides its configuration.
 
 use crate::cloud::Cloud;
-use crate::denoise::within_range;
 use crate::method::Method;
 use crate::outcome::Stage;
 use crate::pose::Pose;
@@ -19,7 +18,7 @@ pub struct Request<'a> {
     /// Both clouds have z up: poses that tilt by more than [`GRAVITY_TOLERANCE`] are refused.
     pub gravity_aligned: bool,
     /// The query's centroid is known to lie in this ball of the map: poses that put it elsewhere are
-    /// refused, and the map is not looked at where the query cannot reach.
+    /// refused, and nothing is matched with what lies where the query cannot reach.
     pub near: Option<Near>,
     /// Who wants to follow.
     pub progress: Option<&'a Progress<'a>>,
@@ -38,15 +37,15 @@ pub struct Near {
 }
 
 impl Near {
-    /// The part of `map` that a query can touch: the ball, widened by the query's own reach.
-    pub(crate) fn crop(&self, map: &Cloud, query: &Cloud) -> Cloud {
-        let reach = query.bounds(0.0).map_or(0.0, |(low, high)| {
+    /// How far from the ball's centre a query's points can lie, metres.
+    pub(crate) fn reach(&self, query: &Cloud) -> f64 {
+        let size = query.bounds(0.0).map_or(0.0, |(low, high)| {
             (0..3)
                 .map(|a| (high[a] - low[a]) * (high[a] - low[a]))
                 .sum::<f64>()
                 .sqrt()
         });
-        map.select(&within_range(map, self.centre, 0.0, self.radius + reach))
+        self.radius + size
     }
 
     fn holds(&self, p: [f64; 3]) -> bool {

@@ -9,6 +9,7 @@
 //! another meet at the same size, and so that a little noise in a measurement changes nothing.
 
 use crate::cloud::Cloud;
+use crate::columns::Columns;
 use crate::eigen3::eigen3;
 use crate::kdtree::KdTree;
 use crate::normals;
@@ -49,10 +50,31 @@ pub struct Measure {
 #[must_use]
 pub fn measure(cloud: &Cloud) -> Option<Measure> {
     let spacing = spacing(cloud.points())?;
+    Some(of_even(cloud.clone(), spacing, spacing))
+}
+
+/// Measures a map by its base: points thinned to [`base_voxel`] of its raw points' `spacing`.
+///
+/// # Errors
+/// Where a column cannot be had.
+pub fn measure_base<C: Columns>(
+    base: &[[f32; 3]],
+    origin: [f64; 3],
+    spacing: f64,
+    columns: &C,
+) -> Result<Measure, C::Error> {
+    // Cells of a surface grow fewer as the square of their size: one big step comes near the sample.
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let octaves = (libm::log2(base.len() as f64 / SAMPLE as f64) / 2.0 - 1.0).floor();
+    let size = base_voxel(spacing) * libm::exp2(octaves.max(0.0));
+    let even = voxel::thin(base, None, origin, size, columns)?;
+    let even = Cloud::from_offsets(origin, even.to_vec());
+    Ok(of_even(even, size, spacing))
+}
+
+/// Measures a cloud of points that lie `spacing` apart, given what it becomes when it is thinned to `size`.
+fn of_even(mut even: Cloud, mut size: f64, spacing: f64) -> Measure {
     // Even out the density first: the nearest wall is sampled far more often than the rest.
-    let spacing = spacing.max(CLOSEST);
-    let mut size = spacing;
-    let mut even = cloud.clone();
     while even.len() > SAMPLE {
         size *= std::f64::consts::SQRT_2;
         even = voxel::downsample(&even, size);
@@ -63,11 +85,64 @@ pub fn measure(cloud: &Cloud) -> Option<Measure> {
     while voxel::downsample(&even, step(budget, 1)).len() > QUERY_POINTS {
         budget = step(budget, 1);
     }
-    Some(Measure {
+    Measure {
         spacing,
         width: width(even.points(), &normals, size),
         budget,
-    })
+    }
+}
+
+/// A voxel is at least this many point spacings wide where no better one is left.
+const FEWEST_SPACINGS: f64 = 1.2;
+
+/// The voxel of a map's base, metres: the finest one on the ladder at which anything is prepared of a map
+/// whose points lie `spacing` apart.
+#[must_use]
+pub fn base_voxel(spacing: f64) -> f64 {
+    let finest = FEWEST_SPACINGS * spacing;
+    let near = ladder(finest);
+    if near < finest { step(near, 1) } else { near }
+}
+
+/// The voxel sizes at which a map is prepared, the finest first, metres: two or three, from what its
+/// passages ask for down to what its points allow.
+#[must_use]
+pub fn levels(map: &Measure) -> Vec<f64> {
+    let floor = SPACINGS_PER_VOXEL * map.spacing;
+    let coarsest = ladder(
+        map.width
+            .map_or(map.budget, |w| w / VOXELS_ACROSS)
+            .max(floor),
+    );
+    let steps = (libm::log2(coarsest / floor) * STEPS_PER_OCTAVE + 1e-9).floor();
+    #[expect(clippy::cast_possible_truncation, reason = "a small number")]
+    let steps = steps.clamp(0.0, 4.0) as i32;
+    if steps >= 2 {
+        let middle = steps.div_euclid(2) + steps % 2;
+        return [steps, middle, 0].map(|s| step(coarsest, -s)).to_vec();
+    }
+    let (finer, coarser) = (step(coarsest, -1), step(coarsest, 1));
+    if finer >= FEWEST_SPACINGS * map.spacing {
+        vec![finer, coarsest, coarser]
+    } else {
+        vec![coarsest, coarser]
+    }
+}
+
+/// Which of a map's `levels` to try for a query, as indices, the best guess first, at most `tries`. None that is finer
+/// than the query's own spacing allows, unless there is no other.
+#[must_use]
+pub fn choose(levels: &[f64], map: &Measure, query: &Measure, tries: usize) -> Vec<usize> {
+    let wanted = voxel_for(map, query);
+    let mut order: Vec<usize> = (0..levels.len()).collect();
+    let off = |i: &usize| libm::log2(levels[*i] / wanted).abs();
+    order.sort_by(|a, b| off(a).total_cmp(&off(b)).then(a.cmp(b)));
+    let fit = |i: &usize| levels[*i] >= FEWEST_SPACINGS * query.spacing;
+    if order.iter().any(fit) {
+        order.retain(fit);
+    }
+    order.truncate(tries);
+    order
 }
 
 /// The voxel size for a map and a query, metres, on the ladder.
@@ -86,7 +161,7 @@ pub fn voxel_for(map: &Measure, query: &Measure) -> f64 {
 #[must_use]
 pub fn candidates(map: &Measure, query: &Measure, tries: usize) -> Vec<f64> {
     let first = voxel_for(map, query);
-    let floor = 1.2 * map.spacing.max(query.spacing);
+    let floor = FEWEST_SPACINGS * map.spacing.max(query.spacing);
     let mut sizes = vec![first];
     for k in 1..=tries {
         #[expect(
@@ -119,31 +194,22 @@ fn step(size: f64, k: i32) -> f64 {
 /// Points nearer to each other than this, metres, are one measured twice, with rounding.
 const CLOSEST: f64 = 0.001;
 
-fn spacing(points: &[[f32; 3]]) -> Option<f64> {
-    spacing_of_distinct(points).or_else(|| {
-        // Every point may have a crowd of copies, as where a static scan was accumulated.
-        let bits = |p: &[f32; 3]| p.map(|v| (v + 0.0).to_bits());
-        let mut distinct = points.to_vec();
-        distinct.sort_unstable_by_key(bits);
-        distinct.dedup_by_key(|p| bits(p));
-        spacing_of_distinct(&distinct)
-    })
-}
+/// Points at which spacing is measured.
+const SPACING_SAMPLE: usize = 2_000;
 
-fn spacing_of_distinct(points: &[[f32; 3]]) -> Option<f64> {
+/// Median distance from a point to the nearest that does not lie at the same place, over an even sample,
+/// metres; `None` where there are no two distinct points.
+#[must_use]
+pub fn spacing(points: &[[f32; 3]]) -> Option<f64> {
     let tree = KdTree::build(points);
-    let chosen = sample(points, 2_000);
-    let nearest = parallel::map_with(chosen.len(), Vec::new, |found, i| {
-        // The nearest that is not the point itself or a copy of it.
-        for k in [2, 4, 16, 64] {
-            tree.knn(chosen[i], k, f32::INFINITY, found);
-            if let Some(n) = found.iter().find(|n| n.distance_squared > 0.0) {
-                return f64::from(n.distance_squared).sqrt();
-            }
-        }
-        0.0
-    });
-    median(nearest.into_iter().filter(|d| *d > 0.0).collect())
+    let chosen = sample(points, SPACING_SAMPLE);
+    let nearest = parallel::map_with(
+        chosen.len(),
+        || (),
+        |(), i| Some(tree.nearest_other(chosen[i])?.distance_squared),
+    );
+    let nearest: Vec<f64> = nearest.into_iter().flatten().map(f64::from).collect();
+    median(nearest).map(|d2| d2.sqrt().max(CLOSEST))
 }
 
 /// The points whose neighbourhood is flat, with its normal. Dust fills space instead.

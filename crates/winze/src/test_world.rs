@@ -49,6 +49,6 @@ pub(crate) fn cloud(points: &[[f64; 3]]) -> Cloud {
     Cloud::from_points(points).unwrap().0
 }
 
-pub(crate) fn surface(points: &[[f64; 3]], voxel: f64) -> Surface {
+pub(crate) fn surface(points: &[[f64; 3]], voxel: f64) -> Surface<'static> {
     prepare(&cloud(points), &PrepareConfig::default(), voxel)
 }

@@ -78,8 +78,8 @@ type Residual = Option<(f64, f64)>;
 
 /// Residuals of the points that are looked at.
 fn residuals(
-    map: &Surface,
-    query: &Surface,
+    map: &Surface<'_>,
+    query: &Surface<'_>,
     map_from_query: &Pose,
     config: &VerifyConfig,
 ) -> Vec<Residual> {
@@ -124,8 +124,8 @@ fn bounded(residual: &Residual, overlap: f64, most: f64) -> f64 {
 /// ([`Fit::bounded_residual`]), metres, and the standard error of that, were the points independent.
 #[must_use]
 pub fn gain(
-    map: &Surface,
-    query: &Surface,
+    map: &Surface<'_>,
+    query: &Surface<'_>,
     (before, after): (&Pose, &Pose),
     config: &VerifyConfig,
 ) -> (f64, f64) {
@@ -147,7 +147,12 @@ pub fn gain(
 /// Measures how `query` lies on `map` at `map_from_query`, at no more than
 /// [`VerifyConfig::max_points`] of its points.
 #[must_use]
-pub fn fit(map: &Surface, query: &Surface, map_from_query: &Pose, config: &VerifyConfig) -> Fit {
+pub fn fit(
+    map: &Surface<'_>,
+    query: &Surface<'_>,
+    map_from_query: &Pose,
+    config: &VerifyConfig,
+) -> Fit {
     let residuals = residuals(map, query, map_from_query, config);
     let overlap = config.overlap_distance.metres(map.voxel);
     let tolerance = config.fine_tolerance.metres(map.voxel);
@@ -193,7 +198,7 @@ pub fn fit(map: &Surface, query: &Surface, map_from_query: &Pose, config: &Verif
 #[must_use]
 pub fn rank(
     mut candidates: Vec<Candidate>,
-    query: &Surface,
+    query: &Surface<'_>,
     config: &VerifyConfig,
     voxel: f64,
 ) -> Vec<Candidate> {
@@ -216,7 +221,7 @@ pub fn rank(
 pub fn same_place(
     a: &Candidate,
     b: &Candidate,
-    query: &Surface,
+    query: &Surface<'_>,
     config: &VerifyConfig,
     voxel: f64,
 ) -> bool {
@@ -237,8 +242,8 @@ pub fn same_place(
 #[must_use]
 pub fn judge(
     ranked: &[Candidate],
-    map: &Surface,
-    query: &Surface,
+    map: &Surface<'_>,
+    query: &Surface<'_>,
     config: &VerifyConfig,
 ) -> Judgement {
     let finest = ranked
@@ -248,7 +253,7 @@ pub fn judge(
 }
 
 /// The judgement of a query with too little geometry to look for; `None` for one with enough.
-pub(crate) fn insufficient(query: &Surface, config: &VerifyConfig) -> Option<Judgement> {
+pub(crate) fn insufficient(query: &Surface<'_>, config: &VerifyConfig) -> Option<Judgement> {
     let with_normal = query.normals.iter().filter(|n| **n != [0.0; 3]).count();
     (with_normal < config.min_points).then(|| {
         let reason = format!(
@@ -264,8 +269,8 @@ pub(crate) fn insufficient(query: &Surface, config: &VerifyConfig) -> Option<Jud
 pub(crate) fn judge_against(
     ranked: &[Candidate],
     finest: f64,
-    map: &Surface,
-    query: &Surface,
+    map: &Surface<'_>,
+    query: &Surface<'_>,
     config: &VerifyConfig,
 ) -> Judgement {
     if let Some(insufficient) = insufficient(query, config) {
@@ -359,7 +364,7 @@ mod tests {
     use crate::config::VerifyConfig;
     use crate::test_world::{drift, surface};
 
-    fn candidate(map: &Surface, query: &Surface, pose: Pose) -> Candidate {
+    fn candidate(map: &Surface<'_>, query: &Surface<'_>, pose: Pose) -> Candidate {
         Candidate {
             map_from_query: pose,
             fit: fit(map, query, &pose, &VerifyConfig::default()),

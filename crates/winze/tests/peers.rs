@@ -48,14 +48,14 @@ fn given_normals() -> Vec<[f32; 3]> {
         .collect()
 }
 
-fn surface() -> Surface {
+fn surface() -> Surface<'static> {
     let points = points("cloud.csv");
     Surface {
         origin: [0.0; 3],
         voxel: 0.25,
         tree: KdTree::build(&points),
-        normals: given_normals(),
-        points,
+        normals: given_normals().into(),
+        points: points.into(),
     }
 }
 
@@ -245,13 +245,13 @@ fn voxel_centroids_are_those_of_pcl() {
     }
 }
 
-fn moved() -> (Surface, Pose) {
+fn moved() -> (Surface<'static>, Pose) {
     let t = rows("T_cloud_moved.csv");
     let truth =
         Pose::from_matrix(std::array::from_fn(|i| std::array::from_fn(|j| t[i][j]))).unwrap();
     (
         Surface {
-            points: points("moved.csv"),
+            points: points("moved.csv").into(),
             voxel: 0.25,
             ..Surface::default()
         },

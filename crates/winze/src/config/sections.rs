@@ -72,8 +72,10 @@ section! {
         non_max_radius: Length = Length::Voxels(0.0), Between(0.0, LONGEST);
         /// Where fewer keypoints qualify, the most salient others fill up to this many.
         min_keypoints: usize = 2000, Any;
-        /// At most this many keypoints, the most salient; 0: no limit.
+        /// At most this many keypoints of a query, the most salient; 0: no limit.
         max_keypoints: usize = 20_000, Any;
+        /// At most this many of a map, at each of its scales; 0: no limit.
+        max_map_keypoints: usize = 0, Any;
     }
 }
 

@@ -1,5 +1,6 @@
 use super::*;
 use crate::prepare::prepare;
+use crate::prepared::prepare_map;
 use crate::test_world::{cloud, drift};
 use crate::verify::gain;
 
@@ -172,8 +173,8 @@ fn the_bare_chain_ends_where_icp_does_and_the_guarded_one_no_worse() {
         locate_by(&map, &query, &config, &request).unwrap()
     };
     let (bare, guarded) = (run(false), run(true));
-    let surface = |c| prepare(c, &config.prepare, 0.2);
-    let (map, query) = (surface(&map), surface(&query));
+    let map = prepare_map(&map, 0.2, &config);
+    let query = prepare(&query, &config.prepare, 0.2);
     let levels = ndt::levels(&map, &config.ndt);
     let by_ndt = ndt::align(&levels, &map, &query, &start, &config.ndt);
     let by_icp = icp::align(&map, &query, &by_ndt.map_from_query, &config.icp);

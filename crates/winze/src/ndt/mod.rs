@@ -9,7 +9,7 @@
 
 mod cells;
 
-pub use cells::{NdtCell, NdtCells};
+pub use cells::{Gaussian, NdtCell, NdtCells, NdtColumns, cells_in};
 
 use crate::config::{NdtConfig, NdtForm};
 use crate::eigen3::times;
@@ -26,9 +26,9 @@ use crate::vec3::{cross, dot};
 /// `pairs` of the answer counts the query points that met a Gaussian at the finest level.
 #[must_use]
 pub fn align(
-    levels: &[NdtCells],
-    map: &Surface,
-    query: &Surface,
+    levels: &[NdtCells<'_>],
+    map: &Surface<'_>,
+    query: &Surface<'_>,
     start: &Pose,
     config: &NdtConfig,
 ) -> Refined {
@@ -67,23 +67,27 @@ pub fn align(
 
 /// The Gaussians of `map` at every resolution that `config` asks for, coarsest first.
 #[must_use]
-pub fn levels(map: &Surface, config: &NdtConfig) -> Vec<NdtCells> {
-    let finest = config.finest.metres(map.voxel);
-    let mut size = config.coarsest.metres(map.voxel).max(finest);
+pub fn levels(map: &Surface<'_>, config: &NdtConfig) -> Vec<NdtCells<'static>> {
+    let build = |s| NdtCells::build(&map.points, s, config.min_points, config.eigenvalue_floor);
+    sizes(map.voxel, config).into_iter().map(build).collect()
+}
+
+/// The cell sizes that `config` asks for of a map thinned to `voxel` metres, coarsest first, metres.
+#[must_use]
+pub fn sizes(voxel: f64, config: &NdtConfig) -> Vec<f64> {
+    let finest = config.finest.metres(voxel);
+    let mut size = config.coarsest.metres(voxel).max(finest);
     let mut sizes = vec![size];
     while size > 1.5 * finest {
         size = (0.5 * size).max(finest);
         sizes.push(size);
     }
     sizes
-        .into_iter()
-        .map(|s| NdtCells::build(&map.points, s, config.min_points, config.eigenvalue_floor))
-        .collect()
 }
 
 /// One resolution's optimisation.
 struct Problem<'a> {
-    cells: &'a NdtCells,
+    cells: &'a NdtCells<'a>,
     points: &'a [[f32; 3]],
     centroid: [f64; 3],
     length: f64,
