@@ -93,7 +93,7 @@ pub struct MappedSurface {
     origin: [f64; 3],
     normals: Vec<[f32; 3]>,
     points: Vec<[f32; 3]>,
-    tree: KdTree,
+    tree: KdTree<'static>,
     coarse: Occupancy,
     places: Vec<[f64; 3]>,
 }

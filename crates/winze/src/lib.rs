@@ -93,6 +93,7 @@ mod request;
 pub mod rng;
 pub mod scale;
 pub mod solve;
+pub mod spacing;
 mod symmetric;
 #[cfg(test)]
 mod test_world;

@@ -14,7 +14,6 @@ use crate::eigen3::eigen3;
 use crate::kdtree::KdTree;
 use crate::normals;
 use crate::parallel;
-use crate::refine::sample;
 use crate::voxel;
 
 /// Steps of the ladder in a factor of two.
@@ -34,6 +33,8 @@ const NEIGHBOURS: usize = 12;
 /// Of a neighbourhood's eigenvalues, the smallest over the middle one: above this it is no wall.
 const FLATNESS: f64 = 0.2;
 
+pub use crate::spacing::spacing;
+
 /// What was measured of a cloud.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measure {
@@ -42,6 +43,8 @@ pub struct Measure {
     /// Median distance from a wall straight across to the opposite one, metres; `None` where too
     /// few points face anything, as on a single wall.
     pub width: Option<f64>,
+    /// The same for the tenth that is narrowest and the tenth that is widest, metres.
+    pub width_range: Option<[f64; 2]>,
     /// Largest voxel on the ladder that still leaves about 6 000 points, metres.
     pub budget: f64,
 }
@@ -85,9 +88,13 @@ fn of_even(mut even: Cloud, mut size: f64, spacing: f64) -> Measure {
     while voxel::downsample(&even, step(budget, 1)).len() > QUERY_POINTS {
         budget = step(budget, 1);
     }
+    let mut across = widths(even.points(), &normals, size);
+    across.sort_unstable_by(f64::total_cmp);
+    let at = |tenths: usize| across.get(across.len() * tenths / 10).copied();
     Measure {
         spacing,
-        width: width(even.points(), &normals, size),
+        width: at(5),
+        width_range: at(1).zip(at(9)).map(|(a, b)| [a, b]),
         budget,
     }
 }
@@ -191,27 +198,6 @@ fn step(size: f64, k: i32) -> f64 {
     ladder(size * libm::exp2(f64::from(k) / STEPS_PER_OCTAVE))
 }
 
-/// Points nearer to each other than this, metres, are one measured twice, with rounding.
-const CLOSEST: f64 = 0.001;
-
-/// Points at which spacing is measured.
-const SPACING_SAMPLE: usize = 2_000;
-
-/// Median distance from a point to the nearest that does not lie at the same place, over an even sample,
-/// metres; `None` where there are no two distinct points.
-#[must_use]
-pub fn spacing(points: &[[f32; 3]]) -> Option<f64> {
-    let tree = KdTree::build(points);
-    let chosen = sample(points, SPACING_SAMPLE);
-    let nearest = parallel::map_with(
-        chosen.len(),
-        || (),
-        |(), i| Some(tree.nearest_other(chosen[i])?.distance_squared),
-    );
-    let nearest: Vec<f64> = nearest.into_iter().flatten().map(f64::from).collect();
-    median(nearest).map(|d2| d2.sqrt().max(CLOSEST))
-}
-
 /// The points whose neighbourhood is flat, with its normal. Dust fills space instead.
 fn walls(points: &[[f32; 3]]) -> (Vec<u32>, Vec<[f64; 3]>) {
     let tree = KdTree::build(points);
@@ -230,9 +216,9 @@ fn walls(points: &[[f32; 3]]) -> (Vec<u32>, Vec<[f64; 3]>) {
 /// Points that a wall must show within the cone.
 const WALL: usize = 6;
 
-/// The median distance straight across. From points here and there a thin cone is followed both
+/// Distances straight across; none where too few points face anything. From points here and there a thin cone is followed both
 /// ways along the normal; the first surface it meets is the opposite wall.
-fn width(points: &[[f32; 3]], normals: &[[f64; 3]], spacing: f64) -> Option<f64> {
+fn widths(points: &[[f32; 3]], normals: &[[f64; 3]], spacing: f64) -> Vec<f64> {
     let tree = KdTree::build(points);
     let stride = points.len().div_ceil(RAYS).max(1);
     let chosen: Vec<usize> = (0..points.len()).step_by(stride).collect();
@@ -264,17 +250,11 @@ fn width(points: &[[f32; 3]], normals: &[[f64; 3]], spacing: f64) -> Option<f64>
     .into_iter()
     .flatten()
     .collect();
-    (across.len() * 3 >= chosen.len())
-        .then(|| median(across))
-        .flatten()
-}
-
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    if values.is_empty() {
-        return None;
+    if across.len() * 3 >= chosen.len() {
+        across
+    } else {
+        Vec::new()
     }
-    let middle = values.len() / 2;
-    Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
 #[cfg(test)]
@@ -309,6 +289,7 @@ mod tests {
         let m = Measure {
             spacing: 0.12,
             width: Some(4.2),
+            width_range: None,
             budget: 0.8,
         };
         let sizes = candidates(&m, &m, 5);
@@ -318,6 +299,67 @@ mod tests {
         }
         assert_eq!(sizes[0], ladder(0.3));
         assert_eq!(candidates(&m, &m, 1).len(), 1);
+    }
+
+    #[test]
+    fn a_map_s_levels_reach_from_its_passages_down_to_its_points() {
+        let levels_of = |spacing: f64, width: Option<f64>, budget: f64| {
+            let m = Measure {
+                spacing,
+                width,
+                width_range: None,
+                budget,
+            };
+            let found = levels(&m);
+            assert!(
+                found.is_sorted() && found[0] >= base_voxel(spacing),
+                "{m:?} {found:?}"
+            );
+            found
+                .iter()
+                .map(|v| (v * 1000.0).round())
+                .collect::<Vec<_>>()
+        };
+        // A survey of passages 4 m wide: at 5 cm, at 1 cm, and a sparse SLAM map of 13 cm and 30 cm.
+        assert_eq!(levels_of(0.054, Some(3.9), 0.4), [141.0, 200.0, 283.0]);
+        assert_eq!(levels_of(0.01, Some(4.0), 0.4), [71.0, 141.0, 283.0]);
+        assert_eq!(levels_of(0.127, Some(4.3), 0.4), [200.0, 283.0, 400.0]);
+        assert_eq!(levels_of(0.3, Some(4.3), 0.4), [400.0, 566.0, 800.0]);
+        // A single wall has no width.
+        assert_eq!(levels_of(0.02, None, 0.1), [50.0, 71.0, 100.0]);
+    }
+
+    #[test]
+    fn a_query_chooses_among_a_map_s_levels() {
+        let measure = |spacing, width| Measure {
+            spacing,
+            width: Some(width),
+            width_range: None,
+            budget: 1.0,
+        };
+        let map = measure(0.05, 4.0);
+        let levels = [0.1, 0.141, 0.283];
+        assert_eq!(choose(&levels, &map, &measure(0.03, 4.0), 3), [2, 1, 0]);
+        assert_eq!(choose(&levels, &map, &measure(0.03, 2.0), 2), [1, 0]);
+        // Nothing finer than its points allow, or else the least bad.
+        assert_eq!(choose(&levels, &map, &measure(0.11, 2.0), 3), [2, 1]);
+        assert_eq!(choose(&levels, &map, &measure(5.0, 2.0), 1), [2]);
+    }
+
+    #[test]
+    fn the_measure_of_a_base_is_near_that_of_its_cloud() {
+        let c = cloud(&drift(60_000, 40.0, 0.2, 0.01, 1));
+        let whole = measure(&c).unwrap();
+        let base = crate::base::base_of(&c, base_voxel(whole.spacing));
+        let Ok(of_base) = measure_base(
+            &base.points,
+            c.origin(),
+            whole.spacing,
+            &crate::columns::Memory,
+        );
+        assert!((of_base.width.unwrap() / whole.width.unwrap() - 1.0).abs() < 0.2);
+        let [narrow, wide] = of_base.width_range.unwrap();
+        assert!(narrow <= of_base.width.unwrap() && wide >= of_base.width.unwrap());
     }
 
     #[test]
