@@ -1,1 +1,20 @@
 //! Prepared maps for winze: everything that is done once for a prior map, in one file.
+//!
+//! The file is mapped into memory, so that opening it takes milliseconds whatever its size, and is
+//! replaced as a whole or not at all. `docs/map-format.md` gives its layout byte by byte.
+//!
+//! * [`container`]: named sections in a file, checked; it knows nothing of what they mean.
+//! * [`Scratch`]: long columns kept in a folder instead of memory while a map is made.
+//!
+//! Files are data from outside: whatever they hold, opening them gives a map or an [`Error`] that
+//! says where the file is wrong, and never panics.
+
+#![cfg_attr(not(test), deny(clippy::indexing_slicing))]
+
+pub mod container;
+mod error;
+mod mapping;
+mod scratch;
+
+pub use error::{Error, Result};
+pub use scratch::{Column, Scratch, ScratchWriter};
