@@ -116,6 +116,42 @@ pub enum Error {
         section: String,
     },
 
+    /// The file is there already.
+    #[error("{file}: exists; give --force to replace it, or name another file")]
+    Exists {
+        /// The file, as given.
+        file: String,
+    },
+
+    /// Too little to make a map of.
+    #[error("{file}: usable points, no two of them at one place: {points}, at least {least} are needed; check the cloud")]
+    TooFew {
+        /// The clouds, as given.
+        file: String,
+        /// Points found, 1 where they all coincide.
+        points: u64,
+        /// How many are needed.
+        least: u64,
+    },
+
+    /// Smaller than what a descriptor describes.
+    #[error(
+        "{file}: is {size:.3} m across, smaller than the {radius:.3} m around a point that a descriptor describes; \
+         give a larger cloud, or set a smaller scale.voxel"
+    )]
+    TooSmall {
+        /// The clouds, as given.
+        file: String,
+        /// Its largest extent, metres.
+        size: f64,
+        /// Radius of a descriptor at the finest level, metres.
+        radius: f64,
+    },
+
+    /// The map's file cannot be written.
+    #[error("{0}")]
+    Write(io::Error),
+
     /// There is no room for a column of numbers while a map is made.
     #[error("{folder}: no scratch file of {bytes} bytes: {}", scratch_hint(.cause))]
     Scratch {
@@ -173,7 +209,11 @@ impl From<winze_io::Error> for Error {
 /// Lets `?` carry this crate's errors through code that only knows those of the system.
 impl From<Error> for io::Error {
     fn from(error: Error) -> Self {
-        Self::other(error)
+        match error {
+            // As the system gave it.
+            Error::Write(cause) => cause,
+            error => Self::other(error),
+        }
     }
 }
 
