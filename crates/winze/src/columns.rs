@@ -7,7 +7,7 @@
 use std::convert::Infallible;
 use std::ops::DerefMut;
 
-use zerocopy::{FromBytes, FromZeros, Immutable, IntoBytes};
+use zerocopy::{FromBytes, Immutable, IntoBytes};
 
 /// Numbers, or arrays of them, that are nothing but their bytes.
 pub trait Plain: Copy + Send + Sync + FromBytes + IntoBytes + Immutable + 'static {}

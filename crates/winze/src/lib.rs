@@ -66,6 +66,7 @@ pub mod columns;
 pub mod config;
 pub mod degeneracy;
 pub mod denoise;
+pub mod descriptor_index;
 pub mod eigen3;
 pub mod error;
 pub mod features;
