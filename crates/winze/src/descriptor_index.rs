@@ -31,6 +31,7 @@ pub use build::build;
 use frame::project;
 
 /// Coordinates of a descriptor in the index: principal axes, and the length of the rest.
+/// Of 8, 12 and 16, twelve answered fastest among a million; eight do nearly as well.
 pub const COORDINATES: usize = 12;
 /// Descriptors of a leaf.
 pub const LANES: usize = 16;
