@@ -67,6 +67,7 @@ pub mod columns;
 pub mod config;
 pub mod degeneracy;
 pub mod denoise;
+pub mod descriptor_index;
 pub mod eigen3;
 pub mod error;
 pub mod features;

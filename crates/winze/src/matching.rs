@@ -1,12 +1,13 @@
 //! Descriptor matching: nearest neighbours by Euclidean distance in descriptor space.
 //!
-//! Brute force over all pairs, sixteen at a time in lanes of fixed order: 33 dimensions leave a tree
-//! little to prune, and this is exact.
+//! Exact, by a [`DescriptorIndex`] over each side's descriptors.
 
 use rayon::prelude::*;
 
+use crate::columns::Memory;
 use crate::config::MatchingConfig;
-use crate::fpfh::{DIMENSIONS, Descriptor};
+use crate::descriptor_index::{DescriptorIndex, build};
+use crate::fpfh::Descriptor;
 
 /// A query keypoint and a map keypoint that look alike.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,12 +20,8 @@ pub struct Correspondence {
     pub distance: f32,
 }
 
-/// Query descriptors that one thread compares with all of the map's.
-const TILE: usize = 512;
-/// Tiles in work at once, at most.
-const BATCH: usize = 32;
-/// Map descriptors side by side: their distances are summed in lanes, dimension after dimension.
-const LANES: usize = 16;
+/// Nearest descriptors as (squared distance, index), nearest first.
+type Nearest = Vec<(f32, u32)>;
 
 /// The matches of each query descriptor among the map's, ordered by query keypoint, then by
 /// distance.
@@ -32,12 +29,24 @@ const LANES: usize = 16;
 /// The `neighbours` nearest map descriptors of each query descriptor. With `mutual`, a match stays
 /// only if the query descriptor is in turn among the `neighbours` nearest of its map descriptor.
 /// With a `ratio` below 1, a query descriptor whose nearest match is not closer than `ratio` times
-/// the next one (the first beyond its `neighbours`) is dropped (Lowe 2004). All-zero
-/// descriptors match nothing. Equal distances are ordered by index.
+/// the next one (the first beyond its `neighbours`) is dropped (Lowe 2004). Descriptors that are all
+/// zero or not finite match nothing. Equal distances are ordered by index.
 #[must_use]
 pub fn match_descriptors(
     query: &[Descriptor],
     map: &[Descriptor],
+    config: &MatchingConfig,
+) -> Vec<Correspondence> {
+    let Ok(index) = build(map, &Memory);
+    match_indexed(query, map, &index.view(), config)
+}
+
+/// [`match_descriptors`] with an index at hand that was built from the map's descriptors.
+#[must_use]
+pub fn match_indexed(
+    query: &[Descriptor],
+    map: &[Descriptor],
+    map_index: &DescriptorIndex<'_>,
     config: &MatchingConfig,
 ) -> Vec<Correspondence> {
     let k = config.neighbours;
@@ -45,186 +54,68 @@ pub fn match_descriptors(
         return Vec::new();
     }
     let ratio_test = config.ratio < 1.0;
-    let (forward, backward) = nearest(
-        query,
-        map,
-        k + usize::from(ratio_test),
-        if config.mutual { k } else { 0 },
-    );
-    let mut out = Vec::new();
-    for (q, i) in (0u32..).zip(0..query.len()) {
-        let found = forward.of(i);
-        let ambiguous = ratio_test
-            && match (found.first(), found.get(k)) {
-                #[expect(clippy::cast_possible_truncation, reason = "a ratio")]
-                (Some(first), Some(next)) => first.0.sqrt() >= config.ratio as f32 * next.0.sqrt(),
-                _ => false,
-            };
-        if ambiguous {
-            continue;
-        }
-        for &(d2, m) in found.iter().take(k) {
-            let returned =
-                !config.mutual || backward.of(m as usize).iter().any(|&(_, back)| back == q);
-            if returned {
-                out.push(Correspondence {
-                    query: q,
-                    map: m,
-                    distance: d2.sqrt(),
-                });
+    let mut lists: Vec<Nearest> = query
+        .par_iter()
+        .map(|q| {
+            let mut found = Nearest::new();
+            map_index.nearest(map, q, k.saturating_add(ratio_test.into()), &mut found);
+            #[expect(clippy::cast_possible_truncation, reason = "a ratio")]
+            let ratio = config.ratio as f32;
+            if let (true, Some(first), Some(next)) = (ratio_test, found.first(), found.get(k))
+                && first.0.sqrt() >= ratio * next.0.sqrt()
+            {
+                found.clear();
             }
-        }
+            found.truncate(k);
+            found
+        })
+        .collect();
+    if config.mutual {
+        keep_mutual(&mut lists, query, map, k);
     }
-    out
-}
-
-/// Descriptors in groups of [`LANES`], a row a dimension, so that the loop over a group vectorises.
-/// Lanes without a usable descriptor hold infinity and are near nothing.
-fn groups(map: &[Descriptor]) -> Vec<[[f32; LANES]; DIMENSIONS]> {
-    map.chunks(LANES)
-        .map(|chunk| {
-            std::array::from_fn(|d| {
-                std::array::from_fn(|l| match chunk.get(l) {
-                    Some(row) if is_usable(row) => row[d],
-                    _ => f32::INFINITY,
-                })
+    (0u32..)
+        .zip(lists)
+        .flat_map(|(query, list)| {
+            list.into_iter().map(move |(d2, map)| Correspondence {
+                query,
+                map,
+                distance: d2.sqrt(),
             })
         })
         .collect()
 }
 
-fn is_usable(d: &Descriptor) -> bool {
-    d.iter().any(|v| *v != 0.0)
-}
-
-/// For each of some descriptors the `k` nearest of the others, as (squared distance, index), nearest
-/// first. Empty places hold infinity.
-struct Lists {
-    k: usize,
-    places: Vec<(f32, u32)>,
-}
-
-impl Lists {
-    fn new(count: usize, k: usize) -> Self {
-        Self {
-            k,
-            places: vec![(f32::INFINITY, u32::MAX); count * k],
-        }
-    }
-
-    /// The filled places of list `i`.
-    fn of(&self, i: usize) -> &[(f32, u32)] {
-        let list = &self.places[i * self.k..(i + 1) * self.k];
-        &list[..list.partition_point(|n| n.0 < f32::INFINITY)]
-    }
-
-    /// What a distance must stay below to get into list `i`.
-    #[inline]
-    fn limit(&self, i: usize) -> f32 {
-        self.places[(i + 1) * self.k - 1].0
-    }
-
-    /// Puts `new` into list `i` if it is among its nearest. Of equal ones the first that came stays
-    /// first: offered in the order of their indices, ties keep that order.
-    #[inline]
-    fn offer(&mut self, i: usize, new: (f32, u32)) {
-        let list = &mut self.places[i * self.k..(i + 1) * self.k];
-        let mut at = list.len();
-        while at > 0 && new.0 < list[at - 1].0 {
-            at -= 1;
-        }
-        if at < list.len() {
-            list[at..].rotate_right(1);
-            list[at] = new;
-        }
-    }
-}
-
-/// The `k` nearest of `map` for each of `query`, and `back` (which may be 0) of `query` for each of
-/// `map`, from the same distances.
-fn nearest(query: &[Descriptor], map: &[Descriptor], k: usize, back: usize) -> (Lists, Lists) {
-    let groups = groups(map);
-    let mut forward = Lists {
-        k,
-        places: Vec::with_capacity(query.len() * k),
-    };
-    let mut backward = Lists::new(map.len(), back);
-    // A few tiles at a time: each holds lists for the whole map.
-    for (b, batch) in query.chunks(TILE * BATCH).enumerate() {
-        let tiles: Vec<(Lists, Lists)> = batch
-            .par_chunks(TILE)
-            .enumerate()
-            .map(|(t, rows)| tile((b * BATCH + t) * TILE, rows, &groups, k, back))
-            .collect();
-        for (rows, columns) in tiles {
-            forward.places.extend(rows.places);
-            // Tiles come in the order of the query's indices.
-            for m in 0..if back > 0 { map.len() } else { 0 } {
-                for new in columns.of(m) {
-                    backward.offer(m, *new);
-                }
+/// Of each query descriptor's matches, keeps those whose map descriptor has it among its `k` nearest.
+fn keep_mutual(lists: &mut [Nearest], query: &[Descriptor], map: &[Descriptor], k: usize) {
+    let Ok(index) = build(query, &Memory);
+    let index = index.view();
+    // Only what was matched is asked back, and no further than its furthest match.
+    let mut asked: Vec<(u32, f32)> = lists.iter().flatten().map(|&(d2, m)| (m, d2)).collect();
+    asked.par_sort_unstable_by(|a, b| a.0.cmp(&b.0).then(b.1.total_cmp(&a.1)));
+    asked.dedup_by_key(|a| a.0);
+    let back: Vec<Nearest> = asked
+        .par_iter()
+        .map(|&(m, limit)| {
+            let mut found = Nearest::new();
+            if let Some(d) = map.get(m as usize) {
+                index.nearest_within(query, d, k, limit, &mut found);
             }
-        }
+            found
+        })
+        .collect();
+    for (q, list) in (0u32..).zip(lists) {
+        list.retain(|&(_, m)| {
+            asked
+                .binary_search_by_key(&m, |a| a.0)
+                .is_ok_and(|i| back[i].iter().any(|b| b.1 == q))
+        });
     }
-    (forward, backward)
-}
-
-/// All distances between some of the query's descriptors, from index `first` on, and all of the
-/// map's.
-fn tile(
-    first: usize,
-    rows: &[Descriptor],
-    groups: &[[[f32; LANES]; DIMENSIONS]],
-    k: usize,
-    back: usize,
-) -> (Lists, Lists) {
-    let mut forward = Lists::new(rows.len(), k);
-    let mut backward = Lists::new(groups.len() * LANES, back);
-    // The columns' limits side by side, so that one comparison dismisses a whole group.
-    let mut limits = vec![[if back > 0 { f32::INFINITY } else { 0.0 }; LANES]; groups.len()];
-    for ((g, group), limits) in groups.iter().enumerate().zip(&mut limits) {
-        for (i, row) in rows.iter().enumerate().filter(|(_, r)| is_usable(r)) {
-            let distances = squared_distances(row, group);
-            let limit = forward.limit(i);
-            if distances.iter().fold(false, |any, d| any | (*d < limit)) {
-                for (l, &d2) in distances.iter().enumerate() {
-                    #[expect(clippy::cast_possible_truncation, reason = "below 2^32 keypoints")]
-                    forward.offer(i, (d2, (g * LANES + l) as u32));
-                }
-            }
-            if distances
-                .iter()
-                .zip(limits.iter())
-                .fold(false, |any, (d, l)| any | (d < l))
-            {
-                for (l, &d2) in distances.iter().enumerate() {
-                    let m = g * LANES + l;
-                    #[expect(clippy::cast_possible_truncation, reason = "below 2^32 keypoints")]
-                    backward.offer(m, (d2, (first + i) as u32));
-                    limits[l] = backward.limit(m);
-                }
-            }
-        }
-    }
-    (forward, backward)
-}
-
-/// Squared distances of `row` from a group, each summed over the dimensions in order.
-#[inline]
-fn squared_distances(row: &Descriptor, group: &[[f32; LANES]; DIMENSIONS]) -> [f32; LANES] {
-    let mut sums = [0.0f32; LANES];
-    for (x, lane) in row.iter().zip(group) {
-        for l in 0..LANES {
-            let d = lane[l] - x;
-            sums[l] += d * d;
-        }
-    }
-    sums
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fpfh::DIMENSIONS;
     use crate::rng::Rng;
     use proptest::prelude::*;
 
@@ -278,6 +169,80 @@ mod tests {
             let mutual: Vec<(u32, u32)> = all.into_iter().filter(|&(i, j)| back[j as usize].iter().any(|b| b.1 == i)).collect();
             let ours: Vec<(u32, u32)> = match_descriptors(&q, &d, &config(k, true, 1.0)).iter().map(|c| (c.query, c.map)).collect();
             prop_assert_eq!(ours, mutual);
+        }
+    }
+
+    /// What [`match_descriptors`] promises, straight from its words.
+    fn plainly(
+        query: &[Descriptor],
+        map: &[Descriptor],
+        config: &MatchingConfig,
+    ) -> Vec<Correspondence> {
+        let usable = |d: &Descriptor| d.iter().any(|v| *v != 0.0);
+        let nearest = |from: &Descriptor, to: &[Descriptor]| {
+            let mut all: Nearest = (0u32..)
+                .zip(to)
+                .filter(|(_, t)| usable(t) && usable(from))
+                .map(|(i, t)| {
+                    let mut sum = 0.0f32;
+                    for (a, b) in t.iter().zip(from) {
+                        sum += (a - b) * (a - b);
+                    }
+                    (sum, i)
+                })
+                .filter(|n| n.0 < f32::INFINITY)
+                .collect();
+            all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            all
+        };
+        let k = config.neighbours;
+        let mut out = Vec::new();
+        for (q, d) in (0u32..).zip(query) {
+            let found = nearest(d, map);
+            if config.ratio < 1.0 && found.len() > k {
+                let (first, next) = (found[0].0.sqrt(), found[k].0.sqrt());
+                if first >= config.ratio as f32 * next {
+                    continue;
+                }
+            }
+            for &(d2, m) in found.iter().take(k) {
+                let back = nearest(&map[m as usize], query);
+                if !config.mutual || back.iter().take(k).any(|b| b.1 == q) {
+                    out.push(Correspondence {
+                        query: q,
+                        map: m,
+                        distance: d2.sqrt(),
+                    });
+                }
+            }
+        }
+        out
+    }
+
+    proptest! {
+        // Not whole numbers, zeros and broken ones among them; near copies, for the ratio test.
+        #[test]
+        fn the_same_bits_as_the_plain_way(seed in 0u64..1000, n in 0usize..60, m in 0usize..150, k in 1usize..5, mutual: bool, ratio in 0.3..1.3f64) {
+            let mut rng = Rng::new(seed, 3);
+            let mut d = random(m, seed, 30.0);
+            for row in &mut d {
+                let v = rng.range(0.1, 3.0) as f32;
+                *row = match rng.below(12) {
+                    0 => [0.0; DIMENSIONS],
+                    1 => [f32::NAN; DIMENSIONS],
+                    2 => [1e30; DIMENSIONS],
+                    _ => row.map(|x| x * v),
+                };
+            }
+            let mut q = random(n, seed + 1, 30.0);
+            for row in &mut q {
+                if m > 0 && rng.below(3) > 0 {
+                    let near = d[rng.below(m as u32) as usize];
+                    *row = near.map(|x| x + rng.range(-0.5, 0.5) as f32 * x.abs().min(1.0));
+                }
+            }
+            let config = config(k, mutual, ratio.min(1.0));
+            prop_assert_eq!(match_descriptors(&q, &d, &config), plainly(&q, &d, &config));
         }
     }
 
