@@ -57,6 +57,9 @@ pub(crate) enum Verb {
     /// Exits with 0 where the query is located, 1 where the answer is another one (ambiguous,
     /// degenerate, not_found, insufficient), 2 on an error.
     Locate(Locate),
+    /// Prepare a map once and keep it: build, info, check.
+    #[command(subcommand)]
+    Map(MapVerb),
     /// Simulate a mine: a map, queries and the truth, by a built-in scenario or one of your own.
     ///
     /// Without a scenario, lists those that are built in.
@@ -90,7 +93,7 @@ pub(crate) struct Demo {
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Locate {
-    /// The prior map: a PCD, PLY or text cloud.
+    /// The prior map: a PCD, PLY or text cloud, or a map that `winze map build` made.
     pub(crate) map: PathBuf,
     /// The query: a cloud in a frame of its own.
     pub(crate) query: PathBuf,
@@ -121,6 +124,85 @@ pub(crate) struct Locate {
     /// Write the query as it lies in the map.
     #[arg(long, value_name = "FILE")]
     pub(crate) save_aligned: Option<PathBuf>,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum MapVerb {
+    /// Do all the work on a map once and keep it in a file: points, normals, keypoints, descriptors,
+    /// neighbours and Gaussians at scales of its own.
+    ///
+    /// The file is replaced as a whole or not at all. It does not depend on the number of threads or
+    /// on the memory.
+    Build(MapBuild),
+    /// Tell what a built map is and what it was made of.
+    Info(MapInfo),
+    /// Verify every byte and structure of built maps.
+    Check(MapCheck),
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct MapBuild {
+    /// Clouds in one frame, which together are the map.
+    #[arg(required = true)]
+    pub(crate) clouds: Vec<PathBuf>,
+    /// The map's file.
+    #[arg(long, short, value_name = "FILE.wmap")]
+    pub(crate) out: PathBuf,
+    /// Replace the file if it is there.
+    #[arg(long)]
+    pub(crate) force: bool,
+    /// Memory to work in, such as 800M or 4G; half of what is free if not given. What does not fit goes through
+    /// scratch files.
+    #[arg(long, value_name = "SIZE", value_parser = bytes)]
+    pub(crate) memory: Option<u64>,
+    /// Folder for scratch files (up to 30 bytes a point of the clouds); else that of the map.
+    #[arg(long, value_name = "DIR")]
+    pub(crate) scratch: Option<PathBuf>,
+    /// Coordinate reference system of the clouds, kept with the map, such as EPSG:32633.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) crs: Option<String>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct MapInfo {
+    /// A built map.
+    pub(crate) file: PathBuf,
+    /// As one line of JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct MapCheck {
+    /// Built maps.
+    #[arg(required = true)]
+    pub(crate) files: Vec<PathBuf>,
+}
+
+/// A number of bytes with K, M or G behind it, or without.
+fn bytes(text: &str) -> Result<u64, String> {
+    let wrong = || format!("{text:?} is no size; write 800M or 4G");
+    let upper = text.trim().to_ascii_uppercase();
+    let upper = upper.trim_end_matches("IB").trim_end_matches('B');
+    let (number, unit) = match upper.char_indices().last() {
+        Some((at, 'K')) => (&upper[..at], 10),
+        Some((at, 'M')) => (&upper[..at], 20),
+        Some((at, 'G')) => (&upper[..at], 30),
+        Some((at, 'T')) => (&upper[..at], 40),
+        _ => (upper, 0),
+    };
+    let number: f64 = number.trim().parse().map_err(|_| wrong())?;
+    let bytes = number * f64::from(1u32 << 10).powi(unit / 10);
+    if !(bytes >= 1.0 && bytes < 1e18) {
+        return Err(wrong());
+    }
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "between 1 and 1e18"
+    )]
+    let bytes = bytes as u64;
+    Ok(bytes)
 }
 
 #[derive(Debug, clap::Args)]

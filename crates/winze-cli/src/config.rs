@@ -5,17 +5,31 @@ use std::process::ExitCode;
 
 use anyhow::{Context as _, anyhow, bail};
 use winze::Config;
+use winze_map::Map;
 
 use crate::args::Global;
 use crate::output::print;
 
 /// The settings that a run uses, checked.
 pub(crate) fn effective(global: &Global) -> anyhow::Result<Config> {
-    let mut table = toml::Table::new();
+    effective_on(toml::Table::new(), global)
+}
+
+/// The same where a map was built with settings of its own: those that shaped it stand in the place of
+/// the defaults.
+pub(crate) fn effective_for(map: &Map, global: &Global) -> anyhow::Result<Config> {
+    let built = map.adopt(&Config::default())?;
+    let table = toml::Table::try_from(&built).context("the map's settings cannot be used")?;
+    effective_on(table, global)
+}
+
+/// `table`, then the file, then `--set`, then `--seed`.
+fn effective_on(mut table: toml::Table, global: &Global) -> anyhow::Result<Config> {
     if let Some(path) = &global.config {
         let text = std::fs::read_to_string(path)
             .with_context(|| format!("{}: cannot be read", path.display()))?;
-        table = from_file(&text).with_context(|| path.display().to_string())?;
+        let file = from_file(&text).with_context(|| path.display().to_string())?;
+        lay_over(&mut table, file);
     }
     for setting in &global.set {
         set(&mut table, setting)?;
@@ -26,6 +40,18 @@ pub(crate) fn effective(global: &Global) -> anyhow::Result<Config> {
     }
     config.validate()?;
     Ok(config)
+}
+
+/// Values of `over` in the place of those in `table`, section by section.
+fn lay_over(table: &mut toml::Table, over: toml::Table) {
+    for (key, value) in over {
+        match (table.get_mut(&key), value) {
+            (Some(toml::Value::Table(own)), toml::Value::Table(value)) => lay_over(own, value),
+            (_, value) => {
+                table.insert(key, value);
+            }
+        }
+    }
 }
 
 /// The table of a configuration file that is right in itself. A mistake is reported with its

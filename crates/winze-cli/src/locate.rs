@@ -6,17 +6,17 @@ use std::time::Instant;
 
 use anyhow::bail;
 use winze::outcome::Stage;
-use winze::{Cloud, Outcome, PoseDistance, Request, Verdict};
+use winze::{Cloud, KeptQuery, Outcome, PoseDistance, Request, Verdict};
 use winze_io::{CloudFile, Format, ReadOptions, atomic, read_cloud, read_transform, write_cloud};
 use winze_report::{Document, Source};
 
 use crate::args::{Global, Locate};
 use crate::config;
 use crate::output::{check_outputs, is_broken_pipe, print, talk};
+use crate::prior::Prior;
 use crate::progress::Progress;
 
 pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
-    let config = config::effective(global)?;
     check(args, global)?;
     let initial = args.initial.as_deref().map(read_transform).transpose()?;
     let truth = args.truth.as_deref().map(read_transform).transpose()?;
@@ -28,22 +28,24 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
     }
     let progress = Progress::new(global.quiet, steps(args.method));
     let mut reading = Vec::new();
-    let mut read_timed = |name: &str, path: &Path| -> anyhow::Result<CloudFile> {
-        progress.say(name);
-        let begun = Instant::now();
-        let file = read(path)?;
-        let stage = Stage {
-            name: name.into(),
-            seconds: begun.elapsed().as_secs_f64(),
-            count_in: file.report.points_in_file,
-            count_out: file.cloud.len(),
-        };
-        progress.told(name, Some(&stage));
+    let mut timed = |stage: Stage| {
+        progress.told(&stage.name.clone(), Some(&stage));
         reading.push(stage);
-        Ok(file)
     };
-    let map = read_timed("read map", &args.map)?;
-    let query = read_timed("read query", &args.query)?;
+    progress.say("read map");
+    let begun = Instant::now();
+    let map = Prior::open(&args.map)?;
+    timed(map.stage(begun.elapsed().as_secs_f64()));
+    let config = map.config(global)?;
+    progress.say("read query");
+    let begun = Instant::now();
+    let query = read(&args.query)?;
+    timed(Stage {
+        name: "read query".into(),
+        seconds: begun.elapsed().as_secs_f64(),
+        count_in: query.report.points_in_file,
+        count_out: query.cloud.len(),
+    });
     let told = |name: &str, stage: Option<&Stage>| progress.told(name, stage);
     let request = Request {
         method: args.method,
@@ -52,10 +54,11 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
         near: args.near,
         progress: Some(&told),
     };
-    let mut outcome =
-        winze::locate_by(&map.cloud, &query.cloud, &config, &request).map_err(|e| {
-            let file =
-                matches!(e, winze::Error::EmptyMap { .. }).then(|| args.map.display().to_string());
+    let mut kept_query = KeptQuery::new(&query.cloud);
+    let mut outcome = winze::locate_in(&mut map.kept(), &mut kept_query, &config, &request)
+        .map_err(|e| {
+            let of_map = matches!(e, winze::Error::EmptyMap { .. });
+            let file = of_map.then(|| args.map.display().to_string());
             let option = matches!(e, winze::Error::EmptyRegion { .. }).then(|| "--near".to_owned());
             match file.or(option) {
                 Some(place) => anyhow::Error::new(e).context(place),
@@ -65,21 +68,22 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
     outcome.seconds += reading.iter().map(|s| s.seconds).sum::<f64>();
     outcome.stages.splice(0..0, reading);
     let error = truth.and_then(|t| outcome.error(&t, &query.cloud));
-    let source = |path: &Path, file: &CloudFile| Source {
-        path: Some(path.display().to_string()),
-        digest: Some(file.report.digest.clone()),
-        points: file.cloud.len(),
-    };
     let document = Document::new(
         &outcome,
         error.as_ref(),
         (&request).into(),
         config::digest(&config)?,
-        source(&args.map, &map),
-        source(&args.query, &query),
+        map.source(&args.map),
+        Source {
+            path: Some(args.query.display().to_string()),
+            digest: Some(query.report.digest.clone()),
+            points: query.cloud.len(),
+        },
     );
+    let drawn = args.picture.is_some() || args.report.is_some();
+    let picture = if drawn { map.picture()? } else { Cloud::default() };
     let answer = Answer {
-        map: &map.cloud,
+        map: &picture,
         query: &query.cloud,
         outcome: &outcome,
         error,

@@ -11,7 +11,9 @@ mod eval;
 mod generate;
 mod info;
 mod locate;
+mod map;
 mod output;
+mod prior;
 mod progress;
 mod sim;
 
@@ -49,6 +51,7 @@ fn run(args: &Args) -> anyhow::Result<ExitCode> {
     pool.install(|| match &args.verb {
         Verb::Demo(a) => demo::run(a, &args.global),
         Verb::Locate(a) => locate::run(a, &args.global),
+        Verb::Map(a) => map::run(a, &args.global),
         Verb::Sim(a) => sim::run(a, &args.global),
         Verb::Eval(a) => eval::run(a, &args.global),
         Verb::EvalWorker => eval::run_worker(),

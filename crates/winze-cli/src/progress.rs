@@ -10,6 +10,9 @@ use winze::outcome::Stage;
 /// Runs shorter than this show nothing.
 const PATIENCE: Duration = Duration::from_millis(700);
 
+/// Steps of a bar for a share.
+const SHARES: u64 = 1000;
+
 /// The bar on the terminal, if one is up: whoever writes to stderr has it step aside.
 static SHOWN: Mutex<Option<ProgressBar>> = Mutex::new(None);
 
@@ -30,6 +33,28 @@ impl Progress {
         let things = u64::try_from(things).unwrap_or(u64::MAX);
         let template = "{bar:24} {pos}/{len}, {elapsed}, {eta} left: {msg}";
         Self::styled(quiet, things, template)
+    }
+
+    /// A bar for work that tells what share of it is done, with the time that is left.
+    pub(crate) fn shared(quiet: bool) -> Self {
+        Self::styled(quiet, SHARES, "{bar:24} {percent} %, {elapsed}, {eta} left: {msg}")
+    }
+
+    /// This share of the work is done, and something is being done.
+    pub(crate) fn share(&self, what: &str, done: f64) {
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_precision_loss,
+            clippy::cast_sign_loss,
+            reason = "a share of a small number"
+        )]
+        let at = (done.clamp(0.0, 1.0) * SHARES as f64) as u64;
+        if self.bar.position() != at {
+            self.bar.set_position(at);
+        }
+        if self.bar.message() != what {
+            self.say(what);
+        }
     }
 
     fn styled(quiet: bool, steps: u64, template: &str) -> Self {

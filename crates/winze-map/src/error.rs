@@ -124,7 +124,9 @@ pub enum Error {
     },
 
     /// Too little to make a map of.
-    #[error("{file}: usable points, no two of them at one place: {points}, at least {least} are needed; check the cloud")]
+    #[error(
+        "{file}: usable points, no two of them at one place: {points}, at least {least} are needed; check the cloud"
+    )]
     TooFew {
         /// The clouds, as given.
         file: String,

@@ -24,6 +24,7 @@ mod sections;
 mod settings;
 
 pub use build::{BuildOptions, Progress, build};
+pub use container::is_map;
 pub use error::{Error, Result};
 pub use map::Map;
 pub use meta::{LevelMeta, Measured, Meta, SourceMeta};

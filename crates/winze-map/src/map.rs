@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::path::Path;
 
+use winze::descriptor_index::DescriptorIndex;
 use winze::features::Features;
 use winze::fpfh::Descriptor;
 use winze::kdtree::{KdTree, Node};
@@ -84,6 +85,13 @@ impl Map {
         self.file.unknown(sections::KNOWN)
     }
 
+    /// `sha256:` and the hash of what it tells of itself, which names its sources' digests and its settings.
+    #[must_use]
+    pub fn digest(&self) -> String {
+        let bytes = self.file.section::<u8>(sections::META, 0);
+        winze_io::digest(bytes.unwrap_or_default())
+    }
+
     /// Size of its file, bytes.
     #[must_use]
     pub fn length(&self) -> u64 {
@@ -159,7 +167,10 @@ impl Map {
             return Err(self.malformed(place, "holds numbers that are not finite"));
         }
         let tree = KdTree::from_parts(nodes, axes).ok_or_else(|| {
-            self.malformed(format!("section NODE {number}"), "is no tree over the points")
+            self.malformed(
+                format!("section NODE {number}"),
+                "is no tree over the points",
+            )
         })?;
         Ok(Surface {
             origin: self.meta.origin,
@@ -170,7 +181,7 @@ impl Map {
         })
     }
 
-    fn level_features(&self, level: usize) -> Result<Features<'_>> {
+    fn level_features(&self, level: usize) -> Result<(Features<'_>, DescriptorIndex<'_>)> {
         let (number, meta) = self.level(level)?;
         let points = self.column::<[f32; 3]>(sections::KEYPOINTS, number, meta.keypoints)?;
         let descriptors =
@@ -179,12 +190,24 @@ impl Map {
             let place = format!("features of level {level}");
             return Err(self.malformed(place, "hold numbers that are not finite"));
         }
-        Ok(Features {
+        let index = DescriptorIndex::from_parts(
+            Cow::Borrowed(self.file.section(sections::INDEX_FRAME, number)?),
+            Cow::Borrowed(self.file.section(sections::INDEX_NODES, number)?),
+            Cow::Borrowed(self.file.section(sections::INDEX_BLOCKS, number)?),
+            Cow::Borrowed(self.file.section(sections::INDEX_ORDER, number)?),
+            descriptors.len(),
+        )
+        .ok_or_else(|| {
+            let place = format!("section IDXO {number}");
+            self.malformed(place, "is no index over the descriptors")
+        })?;
+        let features = Features {
             origin: self.meta.origin,
             points: Cow::Borrowed(points),
             descriptors: Cow::Borrowed(descriptors),
             qualified: usize::try_from(meta.qualified).unwrap_or(usize::MAX),
-        })
+        };
+        Ok((features, index))
     }
 
     fn level_cells(&self, level: usize) -> Result<Vec<NdtCells<'_>>> {
@@ -229,7 +252,7 @@ impl PreparedMap for Map {
         self.level_surface(level).map_err(into_core)
     }
 
-    fn features(&self, level: usize) -> winze::Result<Features<'_>> {
+    fn features(&self, level: usize) -> winze::Result<(Features<'_>, DescriptorIndex<'_>)> {
         self.level_features(level).map_err(into_core)
     }
 

@@ -21,10 +21,11 @@ use crate::config::{
     Config, FpfhConfig, IcpConfig, IcpMetric, IssConfig, MatchingConfig, NdtConfig, PrepareConfig,
     VerifyConfig,
 };
+use crate::descriptor_index::{self, DescriptorIndex};
 use crate::error::Result;
 use crate::features::{Features, describe, describe_map};
 use crate::kdtree::KdTree;
-use crate::matching::{Correspondence, match_descriptors};
+use crate::matching::{Correspondence, match_indexed};
 use crate::metrics::{self, InlierMetrics};
 use crate::ndt::{self, NdtCells};
 use crate::pose::Pose;
@@ -72,7 +73,7 @@ pub(crate) struct MapAt<'a> {
     pub(crate) surface: Surface<'a>,
     /// Where the rest was prepared beforehand, if it was, and at which level.
     prepared: Option<(&'a dyn PreparedMap, usize)>,
-    features: Option<Features<'a>>,
+    features: Option<(Features<'a>, DescriptorIndex<'a>)>,
     cells: Option<Vec<NdtCells<'a>>>,
     /// Tells these features from those of any other map or size.
     mark: Arc<()>,
@@ -409,12 +410,19 @@ impl<'a> KeptQuery<'a> {
 }
 
 impl<'a> MapAt<'a> {
-    /// Keypoints and descriptors.
-    pub(crate) fn describe(&mut self, config: &Config) -> Result<&Features<'a>> {
+    /// Keypoints and descriptors, and the index over these.
+    pub(crate) fn describe(
+        &mut self,
+        config: &Config,
+    ) -> Result<&(Features<'a>, DescriptorIndex<'a>)> {
         let features = match (self.features.take(), self.prepared) {
             (Some(known), _) => known,
             (None, Some((map, level))) => map.features(level)?,
-            (None, None) => describe_map(&self.surface, config),
+            (None, None) => {
+                let features = describe_map(&self.surface, config);
+                let Ok(index) = descriptor_index::build(&features.descriptors, &Memory);
+                (features, index.into_index())
+            }
         };
         Ok(self.features.insert(features))
     }
@@ -462,9 +470,11 @@ impl QueryAt {
                 let own = self
                     .features
                     .get_or_insert_with(|| describe(&self.surface, config));
-                let found = match_descriptors(
+                let (features, index) = map.describe(config)?;
+                let found = match_indexed(
                     &own.descriptors,
-                    &map.describe(config)?.descriptors,
+                    &features.descriptors,
+                    index,
                     &config.matching,
                 );
                 (Arc::clone(&map.mark), found)

@@ -379,7 +379,7 @@ impl Run<'_> {
     ) -> Result<Vec<Pose>> {
         let config = self.config;
         self.map_stage("describe map", map.surface.points.len(), || {
-            let described = map.describe(config).map(|f| f.points.len());
+            let described = map.describe(config).map(|(f, _)| f.points.len());
             let n = described.as_ref().copied().unwrap_or_default();
             (described, n)
         })?;
@@ -388,7 +388,7 @@ impl Run<'_> {
             (n, n)
         });
         let cut = match region {
-            Some(region) => Some(region.cut(map.describe(config)?)),
+            Some(region) => Some(region.cut(&map.describe(config)?.0)),
             None => None,
         };
         let correspondences = self.stage("match", keypoints, || {
@@ -409,7 +409,7 @@ impl Run<'_> {
         let centroid = query.surface.centroid().unwrap_or_default();
         let map_features = match &cut {
             Some(cut) => cut,
-            None => map.describe(config)?,
+            None => &map.describe(config)?.0,
         };
         let query_features = query.describe(config);
         let request = self.request;

@@ -4,6 +4,7 @@ use crate::base::base_of;
 use crate::cloud::Cloud;
 use crate::columns::{Columns, Memory};
 use crate::config::Config;
+use crate::descriptor_index::DescriptorIndex;
 use crate::error::Result;
 use crate::features::Features;
 use crate::ndt::NdtCells;
@@ -39,11 +40,11 @@ pub trait PreparedMap: Sync + std::fmt::Debug {
     /// [`Error::Map`](crate::Error::Map) where the map is damaged, here and below.
     fn surface(&self, level: usize) -> Result<Surface<'_>>;
 
-    /// Keypoints and descriptors at a level.
+    /// Keypoints and descriptors at a level, and the index over the descriptors.
     ///
     /// # Errors
     /// As [`PreparedMap::surface`].
-    fn features(&self, level: usize) -> Result<Features<'_>>;
+    fn features(&self, level: usize) -> Result<(Features<'_>, DescriptorIndex<'_>)>;
 
     /// The Gaussians of NDT at a level, coarsest first.
     ///

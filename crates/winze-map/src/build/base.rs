@@ -37,19 +37,20 @@ impl Work<'_> {
         let mut chosen = Vec::new();
         let (mut index, mut guess) = (0u64, None);
         let mut first = Vec::new();
-        self.plan.pass("look at points", points, self.chunk(), |chunk| {
-            if guess.is_none() {
-                first = chunk.iter().take(200_000).copied().collect();
-                guess = Some(spacing::spacing(&first).unwrap_or(0.1));
-            }
-            for p in chunk {
-                if index.is_multiple_of(stride) {
-                    chosen.push(*p);
+        self.plan
+            .pass("look at points", points, self.chunk(), |chunk| {
+                if guess.is_none() {
+                    first = chunk.iter().take(200_000).copied().collect();
+                    guess = Some(spacing::spacing(&first).unwrap_or(0.1));
                 }
-                index += 1;
-            }
-            Ok(())
-        })?;
+                for p in chunk {
+                    if index.is_multiple_of(stride) {
+                        chosen.push(*p);
+                    }
+                    index += 1;
+                }
+                Ok(())
+            })?;
         let mut reach = 3.0 * guess.unwrap_or(0.1);
         loop {
             let mut survey = SpacingSurvey::new(chosen.clone(), reach);

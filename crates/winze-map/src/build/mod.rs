@@ -149,7 +149,11 @@ impl Work<'_> {
         };
         let bounds = base.bounds(frame.origin, 0.0, &self.scratch)?;
         let robust_bounds = base.bounds(frame.origin, 0.001, &self.scratch)?;
-        self.check_size(clouds, robust_bounds, voxels.first().copied().unwrap_or(voxel))?;
+        self.check_size(
+            clouds,
+            robust_bounds,
+            voxels.first().copied().unwrap_or(voxel),
+        )?;
         let noise_patch = noise::PATCH * voxel;
         let noise_floor = noise::floor(&base.points, noise_patch);
         self.plan.levels(base.points.len(), voxel, &voxels);

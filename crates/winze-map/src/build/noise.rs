@@ -100,7 +100,14 @@ mod tests {
     fn the_thickness_of_a_noisy_wall() {
         let mut rng = Rng::new(3, 0);
         let points: Vec<[f32; 3]> = (0..40_000)
-            .map(|_| [rng.range(0.0, 10.0), 0.02 * rng.normal(), rng.range(0.0, 10.0)].map(|v| v as f32))
+            .map(|_| {
+                [
+                    rng.range(0.0, 10.0),
+                    0.02 * rng.normal(),
+                    rng.range(0.0, 10.0),
+                ]
+                .map(|v| v as f32)
+            })
             .collect();
         let found = floor(&points, 0.3).unwrap();
         // The plane of best fit takes a little of it.

@@ -29,6 +29,12 @@ pub const VERSION: u32 = 1;
 pub(super) const OLDEST: u32 = 1;
 
 pub(super) const MAGIC: [u8; 8] = *b"WINZEMAP";
+/// Whether a file that begins with these bytes says that it is a container, of whatever version.
+#[must_use]
+pub fn is_map(first: &[u8; 8]) -> bool {
+    *first == MAGIC
+}
+
 pub(super) const END_MAGIC: [u8; 8] = *b"WMAP END";
 /// In the header in the byte order of the machine that wrote the file.
 pub(super) const ORDER_MARK: u32 = 0x0A0B_0C0D;

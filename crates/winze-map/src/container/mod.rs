@@ -24,7 +24,7 @@ mod parse;
 mod reader;
 mod writer;
 
-pub use layout::{Id, Tag, VERSION};
+pub use layout::{Id, Tag, VERSION, is_map};
 pub use reader::{Container, Entry};
 pub use writer::{ContainerWriter, SectionWriter, write};
 

@@ -1,0 +1,114 @@
+//! The prior map as it was given: a cloud, or one that was prepared beforehand.
+
+use std::fs::File;
+use std::io::Read as _;
+use std::path::Path;
+
+use winze::outcome::Stage;
+use winze::{Cloud, Config, KeptMap, PreparedMap as _};
+use winze_io::CloudFile;
+use winze_map::Map;
+use winze_report::Source;
+
+use crate::args::Global;
+use crate::config;
+use crate::locate::read;
+
+/// Points of a map in a picture, at most.
+const DRAWN: usize = 2_000_000;
+
+/// A prior map.
+pub(crate) enum Prior {
+    Cloud(Box<CloudFile>),
+    Built(Box<Map>),
+}
+
+impl Prior {
+    /// Opens a built map, by its first bytes or its name, or reads a cloud.
+    pub(crate) fn open(path: &Path) -> anyhow::Result<Self> {
+        if !is_built(path) {
+            return Ok(Self::Cloud(Box::new(read(path)?)));
+        }
+        let map = Map::open(path)?;
+        let unknown: Vec<String> = map.unknown_sections().map(|e| e.id.to_string()).collect();
+        if !unknown.is_empty() {
+            tracing::warn!(
+                "{}: made by a newer winze: sections {} are passed over",
+                path.display(),
+                unknown.join(", ")
+            );
+        }
+        Ok(Self::Built(Box::new(map)))
+    }
+
+    /// The settings of a run on this map.
+    pub(crate) fn config(&self, global: &Global) -> anyhow::Result<Config> {
+        match self {
+            Self::Cloud(_) => config::effective(global),
+            Self::Built(map) => config::effective_for(map, global),
+        }
+    }
+
+    /// To ask.
+    pub(crate) fn kept(&self) -> KeptMap<'_> {
+        match self {
+            Self::Cloud(file) => KeptMap::new(&file.cloud),
+            Self::Built(map) => KeptMap::prepared(map.as_ref()),
+        }
+    }
+
+    /// Reading it as a stage of a run.
+    pub(crate) fn stage(&self, seconds: f64) -> Stage {
+        let (count_in, count_out) = match self {
+            Self::Cloud(file) => (file.report.points_in_file, file.cloud.len()),
+            Self::Built(map) => (map.points(), map.points()),
+        };
+        Stage {
+            name: "read map".into(),
+            seconds,
+            count_in,
+            count_out,
+        }
+    }
+
+    /// What the outcome says of it.
+    pub(crate) fn source(&self, path: &Path) -> Source {
+        let (digest, points) = match self {
+            Self::Cloud(file) => (file.report.digest.clone(), file.cloud.len()),
+            Self::Built(map) => (map.digest(), map.points()),
+        };
+        Source {
+            path: Some(path.display().to_string()),
+            digest: Some(digest),
+            points,
+        }
+    }
+
+    /// Something to draw.
+    pub(crate) fn picture(&self) -> anyhow::Result<Cloud> {
+        match self {
+            Self::Cloud(file) => Ok(file.cloud.clone()),
+            Self::Built(map) => {
+                let surface = map.surface(0)?;
+                let step = surface.points.len().div_ceil(DRAWN).max(1);
+                let points: Vec<[f64; 3]> = surface
+                    .points
+                    .iter()
+                    .step_by(step)
+                    .map(|p| std::array::from_fn(|a| surface.origin[a] + f64::from(p[a])))
+                    .collect();
+                Ok(Cloud::from_points(&points)?.0)
+            }
+        }
+    }
+}
+
+/// Whether a file is, or says that it is, a built map.
+pub(crate) fn is_built(path: &Path) -> bool {
+    let mut first = [0; 8];
+    let magic = File::open(path).and_then(|mut f| f.read_exact(&mut first));
+    let named = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("wmap"));
+    named || (magic.is_ok() && winze_map::is_map(&first))
+}
