@@ -107,6 +107,13 @@ pub enum Error {
         file: String,
     },
 
+    /// A file that is read several times was not the same each time.
+    #[error("{file}: changed while it was read; wait until it is complete, then start again")]
+    Changed {
+        /// The file, as given.
+        file: String,
+    },
+
     /// The values were read, but make no cloud or no transform.
     #[error("{file}: {cause}")]
     Rejected {
@@ -154,6 +161,22 @@ pub(crate) enum Fault {
     Truncated(Place, String),
     Empty,
     Rejected(winze::Error),
+    Io(io::Error),
+    /// The file is not the one that was looked at first.
+    Changed,
+    /// From whoever took the points: complete as it is.
+    Passed(Box<Error>),
+}
+
+impl From<io::Error> for Fault {
+    /// Lengths are checked before anything is read: a file that ends early became shorter.
+    fn from(cause: io::Error) -> Self {
+        if cause.kind() == io::ErrorKind::UnexpectedEof {
+            Self::Changed
+        } else {
+            Self::Io(cause)
+        }
+    }
 }
 
 impl Fault {
@@ -181,6 +204,13 @@ impl Fault {
             },
             Self::Empty => Error::Empty { file },
             Self::Rejected(cause) => Error::Rejected { file, cause },
+            Self::Io(cause) => Error::Io {
+                file,
+                action: "be read",
+                cause,
+            },
+            Self::Changed => Error::Changed { file },
+            Self::Passed(error) => *error,
         }
     }
 }

@@ -37,6 +37,7 @@ mod ply;
 mod raw;
 mod read;
 mod scalar;
+pub mod stream;
 mod text;
 mod trajectory;
 mod transform;
@@ -47,6 +48,7 @@ pub use format::{Encoding, Format};
 pub use read::{
     CloudFile, NoReturns, ReadOptions, ReadReport, digest, read_cloud, read_cloud_bytes,
 };
+pub use stream::{CloudStream, PointStream, StreamedFile};
 pub use trajectory::write_trajectory;
 pub use transform::{read_transform, read_transform_bytes, write_transform};
 pub use write::{WriteOptions, WriteReport, write_cloud, write_cloud_bytes};

@@ -1,5 +1,7 @@
 //! Numbers in lines of text, a million lines at a time.
 
+use std::io::{self, Read};
+
 use rayon::prelude::*;
 
 use crate::columns::{Row, excerpt};
@@ -50,10 +52,7 @@ pub(crate) fn parse_rows(
     with_intensity: bool,
     parse: impl Fn(&[u8]) -> Result<Option<Row>, String> + Sync,
 ) -> Result<Rows, Fault> {
-    let pieces: Vec<Result<Rows, (usize, String)>> = pieces(bytes, start)
-        .into_par_iter()
-        .map(|(offset, piece)| parse_piece(offset, piece, with_intensity, &parse))
-        .collect();
+    let pieces = parse_pieces(bytes, start, PIECE, with_intensity, parse);
     let mut all = Rows::default();
     for piece in pieces {
         let piece = piece.map_err(|(offset, problem)| {
@@ -69,15 +68,31 @@ pub(crate) fn parse_rows(
     Ok(all)
 }
 
-/// Cuts `bytes` from `start` on at the first line end after each multiple of [`PIECE`].
-fn pieces(bytes: &[u8], start: usize) -> Vec<(usize, &[u8])> {
+/// The rows of each piece, or where in `bytes` the first line begins that is refused, and why.
+type Pieces = Vec<Result<Rows, (usize, String)>>;
+
+fn parse_pieces(
+    bytes: &[u8],
+    start: usize,
+    size: usize,
+    with_intensity: bool,
+    parse: impl Fn(&[u8]) -> Result<Option<Row>, String> + Sync,
+) -> Pieces {
+    pieces(bytes, start, size)
+        .into_par_iter()
+        .map(|(offset, piece)| parse_piece(offset, piece, with_intensity, &parse))
+        .collect()
+}
+
+/// Cuts `bytes` from `start` on at the first line end `size` bytes or more after each cut.
+fn pieces(bytes: &[u8], start: usize, size: usize) -> Vec<(usize, &[u8])> {
     let mut out = Vec::new();
     let mut offset = start;
     while let Some(rest) = bytes.get(offset..).filter(|rest| !rest.is_empty()) {
         let end = rest
-            .get(PIECE..)
+            .get(size..)
             .and_then(|tail| tail.iter().position(|&b| b == b'\n'))
-            .map_or(rest.len(), |at| PIECE + at + 1);
+            .map_or(rest.len(), |at| size + at + 1);
         let (piece, _) = rest.split_at(end);
         out.push((offset, piece));
         offset += end;
@@ -130,6 +145,113 @@ pub(crate) fn skip_lines(bytes: &[u8], count: u64) -> Result<usize, u64> {
         seen += u64::from(!line.trim_ascii().is_empty());
     }
     Ok(end)
+}
+
+/// Lines are streamed in blocks of about this many bytes, each parsed in pieces of its own.
+const BLOCK: usize = 1 << 20;
+const BLOCK_PIECE: usize = 1 << 17;
+
+/// The lines of a source, a block of whole lines at a time. Holds one block, or the longest line
+/// where that is longer.
+pub(crate) struct Blocks<R> {
+    source: R,
+    buffer: Vec<u8>,
+    /// What of the buffer was passed, and where its last whole line ends.
+    passed: usize,
+    whole: usize,
+    ended: bool,
+    /// Lines and bytes passed, counted from the beginning of the file.
+    line: usize,
+    at: u64,
+}
+
+impl<R: Read> Blocks<R> {
+    /// From a source that stands at byte `at` of its file, after `line` lines.
+    pub(crate) fn new(source: R, line: usize, at: u64) -> Self {
+        Self {
+            source,
+            buffer: Vec::new(),
+            passed: 0,
+            whole: 0,
+            ended: false,
+            line,
+            at,
+        }
+    }
+
+    /// Whole lines that were not passed yet; none at all at the end.
+    pub(crate) fn lines(&mut self) -> io::Result<&[u8]> {
+        if self.passed == self.whole && !self.ended {
+            self.buffer.drain(..self.passed);
+            self.passed = 0;
+            self.whole = 0;
+            while self.whole == 0 && !self.ended {
+                let held = self.buffer.len();
+                let read = self
+                    .source
+                    .by_ref()
+                    .take(BLOCK as u64)
+                    .read_to_end(&mut self.buffer)?;
+                self.ended = read < BLOCK;
+                let new = self.buffer.get(held..).unwrap_or_default();
+                self.whole = match new.iter().rposition(|&b| b == b'\n') {
+                    _ if self.ended => self.buffer.len(),
+                    Some(last) => held + last + 1,
+                    None => 0,
+                };
+            }
+        }
+        Ok(self.buffer.get(self.passed..self.whole).unwrap_or_default())
+    }
+
+    /// Passes the first `bytes` of the lines at hand.
+    pub(crate) fn pass(&mut self, bytes: usize) {
+        let end = self.passed.saturating_add(bytes).min(self.whole);
+        let passed = self.buffer.get(self.passed..end).unwrap_or_default();
+        self.line += passed.iter().filter(|&&b| b == b'\n').count();
+        self.at += passed.len() as u64;
+        self.passed = end;
+    }
+
+    /// Passes `count` lines that are not blank; `Err` with their number where there are fewer.
+    pub(crate) fn skip(&mut self, count: u64) -> io::Result<Result<(), u64>> {
+        let mut left = count;
+        while left > 0 {
+            let block = self.lines()?;
+            if block.is_empty() {
+                return Ok(Err(count - left));
+            }
+            let (end, seen) = match skip_lines(block, left) {
+                Ok(end) => (end, left),
+                Err(seen) => (block.len(), seen),
+            };
+            self.pass(end);
+            left -= seen;
+        }
+        Ok(Ok(()))
+    }
+
+    /// Like [`parse_rows`], of the first `bytes` of the lines at hand, which are then passed. The
+    /// points go to `put` in order, with the byte of the file that they end before.
+    pub(crate) fn parse(
+        &mut self,
+        bytes: usize,
+        parse: impl Fn(&[u8]) -> Result<Option<Row>, String> + Sync,
+        mut put: impl FnMut(&[[f64; 3]], u64) -> Result<(), Fault>,
+    ) -> Result<(), Fault> {
+        let lines = self.buffer.get(self.passed..self.whole).unwrap_or_default();
+        let block = lines.get(..bytes).unwrap_or(lines);
+        let end = self.at + block.len() as u64;
+        for piece in parse_pieces(block, 0, BLOCK_PIECE, false, parse) {
+            let rows = piece.map_err(|(offset, problem)| {
+                let line = self.line + line_number(block, offset);
+                Fault::Malformed(Place::Line(line), problem)
+            })?;
+            put(&rows.points, end)?;
+        }
+        self.pass(bytes);
+        Ok(())
+    }
 }
 
 #[cfg(test)]

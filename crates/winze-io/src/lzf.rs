@@ -7,6 +7,8 @@
 //!
 //! The format is Marc Lehmann's; this is an implementation of its description.
 
+use std::io::{self, Read, Write};
+
 /// The longest match, 7 + 255 + 2 bytes, takes three bytes of input.
 const LONGEST_MATCH: usize = 264;
 
@@ -26,15 +28,91 @@ const HASH_BITS: u32 = 15;
 /// The position in `input` of the block that is broken, that is cut short or that overshoots.
 pub(crate) fn decompress(input: &[u8], size: usize) -> Result<Vec<u8>, usize> {
     let mut out = vec![0; size];
-    let mut at = 0;
+    let (_, at) = blocks(input, &mut out, 0, [0, 0])?;
+    if at == size {
+        Ok(out)
+    } else {
+        Err(input.len())
+    }
+}
+
+/// The longest block: its control byte and a literal.
+const LONGEST_BLOCK: usize = 1 + LONGEST_LITERAL;
+
+/// The bytes that [`unpack`] holds of its input, and of its output beside what matches reach.
+const WINDOW: usize = 1 << 18;
+
+/// Like [`decompress`], in bounded memory: the first `packed` bytes of `input` become the `size`
+/// bytes that are written to `out`.
+///
+/// # Errors
+/// As [`decompress`] within, else where `input` or `out` fail.
+pub(crate) fn unpack(
+    input: &mut impl Read,
+    packed: u64,
+    size: u64,
+    out: &mut impl Write,
+) -> io::Result<Result<(), u64>> {
+    // Neither buffer is longer than the data.
+    let fits = |n: u64| usize::try_from(n).unwrap_or(usize::MAX);
+    let mut source = Vec::new();
+    let mut passed = 0u64;
+    let mut window = vec![0; fits(size).min(FURTHEST + WINDOW)];
+    let (mut at, mut written) = (0usize, 0u64);
+    // The output's bytes that are in the window before `at` and already written.
+    let mut kept = 0usize;
+    loop {
+        let wanted = WINDOW - source.len().min(WINDOW);
+        let there = passed + source.len() as u64;
+        let more = fits(packed - there).min(wanted);
+        let held = source.len();
+        source.resize(held + more, 0);
+        input.read_exact(source.get_mut(held..).unwrap_or_default())?;
+        let last_input = passed + source.len() as u64 == packed;
+        let left = fits(size - written);
+        let end = window.len().min(kept.saturating_add(left));
+        let last_output = end - kept == left;
+        let spare = [
+            if last_input { 0 } else { LONGEST_BLOCK },
+            if last_output { 0 } else { LONGEST_MATCH },
+        ];
+        let room = window.get_mut(..end).unwrap_or_default();
+        let (read, now) = match blocks(&source, room, at, spare) {
+            Ok(moved) => moved,
+            Err(block) => return Ok(Err(passed + block as u64)),
+        };
+        out.write_all(window.get(kept..now).unwrap_or_default())?;
+        written += (now - kept) as u64;
+        passed += read as u64;
+        source.drain(..read);
+        if passed == packed {
+            return Ok(if written == size { Ok(()) } else { Err(packed) });
+        }
+        at = now.min(FURTHEST);
+        window.copy_within(now - at..now, 0);
+        kept = at;
+    }
+}
+
+/// Decompresses blocks of `input` into `out` from `at` on, as long as more than `spare[0]` bytes of
+/// input are left and at least `spare[1]` bytes of room. Returns the bytes read and the new `at`.
+fn blocks(
+    input: &[u8],
+    out: &mut [u8],
+    mut at: usize,
+    spare: [usize; 2],
+) -> Result<(usize, usize), usize> {
     let mut rest = input;
-    while let Some((&control, tail)) = rest.split_first() {
+    while rest.len() > spare[0] && out.len() >= at + spare[1] {
+        let Some((&control, tail)) = rest.split_first() else {
+            break;
+        };
         let block = input.len() - rest.len();
         let control = usize::from(control);
         let length;
         if control < LONGEST_LITERAL {
             length = control + 1;
-            copy_literal(&mut out, at, tail, length).ok_or(block)?;
+            copy_literal(out, at, tail, length).ok_or(block)?;
             rest = tail.get(length..).ok_or(block)?;
         } else {
             let (extra, tail) = match control >> 5 {
@@ -47,16 +125,12 @@ pub(crate) fn decompress(input: &[u8], size: usize) -> Result<Vec<u8>, usize> {
             let (&low, tail) = tail.split_first().ok_or(block)?;
             length = (control >> 5) + extra + 2;
             let distance = ((control & 31) << 8 | usize::from(low)) + 1;
-            copy_match(&mut out, at, distance, length).ok_or(block)?;
+            copy_match(out, at, distance, length).ok_or(block)?;
             rest = tail;
         }
         at += length;
     }
-    if at == size {
-        Ok(out)
-    } else {
-        Err(input.len())
-    }
+    Ok((input.len() - rest.len(), at))
 }
 
 /// Puts the first `length` bytes of `input` at `at`. `None` where there is no such place.
@@ -228,6 +302,40 @@ mod tests {
         }
     }
 
+    fn unpacked(input: &[u8], size: usize) -> Result<Vec<u8>, usize> {
+        let mut out = Vec::new();
+        unpack(&mut &input[..], input.len() as u64, size as u64, &mut out)
+            .unwrap()
+            .map_err(|at| at as usize)?;
+        Ok(out)
+    }
+
+    #[test]
+    fn many_windows_unpack_as_at_once() {
+        let mut input: Vec<u8> = (0..1_500_000u32)
+            .map(|i| {
+                (i.wrapping_mul(i ^ 2_654_435_761) >> 13) as u8
+                    & if i % 70_000 < 9_000 { 1 } else { 255 }
+            })
+            .collect();
+        input.extend(vec![5; 900_000]);
+        let packed = compress(&input);
+        assert!(packed.len() > WINDOW);
+        assert!(unpacked(&packed, input.len()).unwrap() == input);
+        for size in [input.len() - 1, input.len() + 1] {
+            assert_eq!(unpacked(&packed, size), decompress(&packed, size));
+        }
+        let mut broken = packed;
+        let middle = broken.len() / 2;
+        for i in 0..60 {
+            broken[middle + i] = broken[middle + i].wrapping_add(37);
+            assert_eq!(
+                unpacked(&broken, input.len()),
+                decompress(&broken, input.len())
+            );
+        }
+    }
+
     proptest! {
         #[test]
         fn what_is_compressed_comes_back(input in proptest::collection::vec(0u8..6, 0..3000)) {
@@ -236,6 +344,7 @@ mod tests {
 
         #[test]
         fn any_bytes_decompress_to_the_size_or_fail(input in proptest::collection::vec(any::<u8>(), 0..200), size in 0usize..2000) {
+            prop_assert_eq!(unpacked(&input, size), decompress(&input, size));
             if let Ok(out) = decompress(&input, size) {
                 prop_assert_eq!(out.len(), size);
                 prop_assert!(size <= input.len() * MOST_EXPANSION);

@@ -127,21 +127,23 @@ pub fn read_cloud(path: &Path, options: &ReadOptions) -> Result<CloudFile> {
             file: file.clone(),
             known: READABLE,
         })?;
-    decode(&bytes, format, options).map_err(|fault| {
-        match (fault, shown) {
-            (Fault::Malformed(place, problem), Some(shown))
-                if shown != format && shown != Format::Text =>
-            {
-                let extension = shown.to_string().to_ascii_lowercase();
-                Fault::Malformed(
-                    place,
-                    format!("{problem}; its content looks like {shown}: name it .{extension}"),
-                )
-            }
-            (fault, _) => fault,
+    decode(&bytes, format, options).map_err(|fault| named(fault, format, shown).of(&file))
+}
+
+/// A fault with a hint, where the content `shown` is not the format that the name says.
+pub(crate) fn named(fault: Fault, format: Format, shown: Option<Format>) -> Fault {
+    match (fault, shown) {
+        (Fault::Malformed(place, problem), Some(shown))
+            if shown != format && shown != Format::Text =>
+        {
+            let extension = shown.to_string().to_ascii_lowercase();
+            Fault::Malformed(
+                place,
+                format!("{problem}; its content looks like {shown}: name it .{extension}"),
+            )
         }
-        .of(&file)
-    })
+        (fault, _) => fault,
+    }
 }
 
 /// Like [`read_cloud`], from bytes at hand.
@@ -180,20 +182,10 @@ fn finish(
 ) -> std::result::Result<CloudFile, Fault> {
     let points_in_file = raw.points.len();
     let no_returns = drop_no_returns(&mut raw, options.no_returns);
-    if no_returns > 0 {
-        raw.warnings.push(format!(
-            "{no_returns} points at exactly (0, 0, 0) were taken for beams without a return and dropped"
-        ));
-    }
+    raw.warnings.extend(no_returns_warning(no_returns));
     let (cloud, dropped) =
         Cloud::with_intensity(&raw.points, raw.intensity.as_deref()).map_err(Fault::Rejected)?;
-    if dropped.far > 0 {
-        raw.warnings.push(format!(
-            "{} points lie more than {:.0} km from the rest and were dropped",
-            dropped.far,
-            winze::cloud::MAX_OFFSET / 1000.0
-        ));
-    }
+    raw.warnings.extend(far_warning(dropped.far));
     Ok(CloudFile {
         cloud: cloud.seen_from(raw.seen_from),
         report: ReadReport {
@@ -213,15 +205,42 @@ fn finish(
     })
 }
 
+pub(crate) fn no_returns_warning(count: usize) -> Option<String> {
+    (count > 0).then(|| {
+        format!(
+            "{count} points at exactly (0, 0, 0) were taken for beams without a return and dropped"
+        )
+    })
+}
+
+pub(crate) fn far_warning(count: usize) -> Option<String> {
+    (count > 0).then(|| {
+        format!(
+            "{count} points lie more than {:.0} km from the rest and were dropped",
+            winze::cloud::MAX_OFFSET / 1000.0
+        )
+    })
+}
+
+/// Whether a point may be a beam without a return.
+pub(crate) fn is_zero(point: &[f64; 3]) -> bool {
+    *point == [0.0; 3]
+}
+
+impl NoReturns {
+    /// Whether a file's points at exactly (0, 0, 0) are dropped, of which there are so many.
+    pub(crate) fn drops(self, zeros: usize) -> bool {
+        match self {
+            Self::Auto => zeros >= NO_RETURNS,
+            Self::Keep => false,
+            Self::Drop => zeros > 0,
+        }
+    }
+}
+
 fn drop_no_returns(raw: &mut Raw, rule: NoReturns) -> usize {
-    let is_zero = |p: &[f64; 3]| *p == [0.0; 3];
     let zeros = raw.points.iter().filter(|p| is_zero(p)).count();
-    let drop = match rule {
-        NoReturns::Auto => zeros >= NO_RETURNS,
-        NoReturns::Keep => false,
-        NoReturns::Drop => zeros > 0,
-    };
-    if !drop {
+    if !rule.drops(zeros) {
         return 0;
     }
     if let Some(intensity) = &mut raw.intensity {
@@ -235,9 +254,14 @@ fn drop_no_returns(raw: &mut Raw, rule: NoReturns) -> usize {
 /// A digest of bytes, with the name of its kind.
 #[must_use]
 pub fn digest(bytes: &[u8]) -> String {
+    digest_text(Sha256::new_with_prefix(bytes))
+}
+
+/// The text of a finished hash.
+pub(crate) fn digest_text(hash: Sha256) -> String {
     use std::fmt::Write as _;
     let mut text = String::from("sha256:");
-    for byte in Sha256::digest(bytes) {
+    for byte in hash.finalize() {
         let _ = write!(text, "{byte:02x}");
     }
     text

@@ -110,6 +110,12 @@ impl Column<'_> {
     /// The first `count` points of three columns.
     pub(crate) fn points(xyz: [Column<'_>; 3], count: usize) -> Vec<[f64; 3]> {
         let mut points = vec![[0.0; 3]; count];
+        Self::fill_all(xyz, &mut points);
+        points
+    }
+
+    /// Writes the first points of three columns into `points`.
+    pub(crate) fn fill_all(xyz: [Column<'_>; 3], points: &mut [[f64; 3]]) {
         points
             .par_chunks_mut(BLOCK)
             .enumerate()
@@ -118,11 +124,10 @@ impl Column<'_> {
                     column.fill(block, axis, i * BLOCK);
                 }
             });
-        points
     }
 
     /// Writes the numbers from `first` on into one axis of `points`.
-    fn fill(self, points: &mut [[f64; 3]], axis: usize, first: usize) {
+    pub(crate) fn fill(self, points: &mut [[f64; 3]], axis: usize, first: usize) {
         let start = first.saturating_mul(self.stride);
         let end = points
             .len()

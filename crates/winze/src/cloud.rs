@@ -76,29 +76,16 @@ impl Cloud {
                 dropped.non_finite += 1;
                 continue;
             }
-            let offset: [f64; 3] = std::array::from_fn(|a| p[a] - origin[a]);
-            if offset.iter().any(|v| v.abs() > MAX_OFFSET) {
+            let Some(offset) = offset(*p, origin) else {
                 dropped.far += 1;
                 continue;
-            }
-            #[expect(
-                clippy::cast_possible_truncation,
-                reason = "the origin is chosen for it"
-            )]
-            points.push(offset.map(|v| v as f32));
+            };
+            points.push(offset);
             if let (Some(kept), Some(all)) = (&mut kept_intensity, intensity) {
                 kept.push(all[i]);
             }
         }
-        let total = coordinates.len() - dropped.non_finite;
-        #[expect(clippy::cast_precision_loss, reason = "a share")]
-        if dropped.far as f64 > FAR_SHARE * total as f64 {
-            return Err(Error::TooWide {
-                far: dropped.far,
-                total,
-                limit_m: MAX_OFFSET,
-            });
-        }
+        check_far(dropped.far, coordinates.len() - dropped.non_finite)?;
         let cloud = Self {
             origin,
             points,
@@ -269,12 +256,68 @@ fn robust_origin(coordinates: &[[f64; 3]]) -> [f64; 3] {
             .iter()
             .filter(|p| p.iter().all(|v| v.is_finite()))
     };
-    if finite().all(|p| p.iter().all(|v| v.abs() <= SMALL)) {
+    if finite().all(is_small) {
         return [0.0; 3];
     }
-    let count = finite().count();
-    let stride = count.div_ceil(10_001).max(1);
-    let sample: Vec<&[f64; 3]> = finite().step_by(stride).collect();
+    let stride = origin_stride(finite().count() as u64);
+    let stride = usize::try_from(stride).unwrap_or(usize::MAX);
+    let sample: Vec<[f64; 3]> = finite().step_by(stride).copied().collect();
+    origin_of(&sample)
+}
+
+/// A finite point as offset from a cloud's origin; `None` where it lies beyond [`MAX_OFFSET`].
+#[must_use]
+#[inline]
+pub fn offset(point: [f64; 3], origin: [f64; 3]) -> Option<[f32; 3]> {
+    let offset: [f64; 3] = std::array::from_fn(|a| point[a] - origin[a]);
+    if offset.iter().any(|v| v.abs() > MAX_OFFSET) {
+        return None;
+    }
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "the origin is chosen for it"
+    )]
+    Some(offset.map(|v| v as f32))
+}
+
+/// Whether a finite point may stay in a frame whose origin is `(0, 0, 0)`; where all may, that is
+/// the cloud's origin.
+#[must_use]
+#[inline]
+pub fn is_small(point: &[f64; 3]) -> bool {
+    point.iter().all(|v| v.abs() <= SMALL)
+}
+
+/// Of `count` finite points that are not all small, each how manieth, from the first on, is in the
+/// sample for [`origin_of`].
+#[must_use]
+pub fn origin_stride(count: u64) -> u64 {
+    count.div_ceil(10_001).max(1)
+}
+
+/// Refuses a cloud of which too many of its `total` finite points lie too far out.
+///
+/// # Errors
+/// [`Error::TooWide`] where they are more than 1 %.
+pub fn check_far(far: usize, total: usize) -> Result<()> {
+    #[expect(clippy::cast_precision_loss, reason = "a share")]
+    if far as f64 > FAR_SHARE * total as f64 {
+        return Err(Error::TooWide {
+            far,
+            total,
+            limit_m: MAX_OFFSET,
+        });
+    }
+    Ok(())
+}
+
+/// The origin of a cloud whose points are not all small, from every
+/// [`origin_stride`]th finite one.
+#[must_use]
+pub fn origin_of(sample: &[[f64; 3]]) -> [f64; 3] {
+    if sample.is_empty() {
+        return [0.0; 3];
+    }
     let median: [f64; 3] = std::array::from_fn(|a| {
         let mut v: Vec<f64> = sample.iter().map(|p| p[a]).collect();
         let middle = v.len() / 2;

@@ -2,7 +2,7 @@
 
 use super::header::{Field, Header};
 use super::values::Data;
-use crate::columns::Columns;
+use crate::columns::{Columns, Row};
 use crate::error::{Fault, Place};
 use crate::lines::{blank_separated, number, parse_rows};
 use crate::lzf;
@@ -23,12 +23,7 @@ pub(crate) fn decode(bytes: &[u8]) -> Result<Raw, Fault> {
     let organised = header.organised(points.len() as u64);
     Ok(Raw {
         intensity: columns.intensity.map(|_| intensity),
-        encoding: match header.data {
-            Data::Ascii => "ascii",
-            Data::Binary => "binary",
-            Data::Compressed => "binary_compressed",
-        }
-        .to_owned(),
+        encoding: header.data.name().to_owned(),
         fields: header.names(),
         organised,
         viewpoint: header.viewpoint,
@@ -40,14 +35,18 @@ pub(crate) fn decode(bytes: &[u8]) -> Result<Raw, Fault> {
 
 /// Where the sensor stood. Most programs write the default viewpoint whatever the cloud is, so the
 /// default alone says nothing; in an image-like cloud it does mean the origin.
-fn seen_from(viewpoint: Option<[f64; 7]>, organised: bool) -> Option<[f64; 3]> {
+pub(super) fn seen_from(viewpoint: Option<[f64; 7]>, organised: bool) -> Option<[f64; 3]> {
     let [x, y, z, ..] = viewpoint.unwrap_or(NO_VIEWPOINT);
     (organised || viewpoint.is_some_and(|v| v != NO_VIEWPOINT)).then_some([x, y, z])
 }
 
 type Points = (Vec<[f64; 3]>, Vec<f32>);
 
-fn ascii(header: &mut Header, columns: Columns, bytes: &[u8]) -> Result<Points, Fault> {
+/// Parses a line of text; `None` where it holds no point.
+pub(super) fn row_parser(
+    header: &Header,
+    columns: Columns,
+) -> impl Fn(&[u8]) -> Result<Option<Row>, String> + Sync + use<> {
     // From fields to columns of text, which differ where a COUNT is above 1.
     let column = |field: usize| {
         header
@@ -60,7 +59,7 @@ fn ascii(header: &mut Header, columns: Columns, bytes: &[u8]) -> Result<Points, 
         intensity: columns.intensity.map(column),
     };
     let total = header.columns;
-    let mut rows = parse_rows(bytes, header.body, columns.intensity.is_some(), |line| {
+    move |line| {
         if line.is_empty() || line.starts_with(b"#") {
             return Ok(None);
         }
@@ -69,15 +68,28 @@ fn ascii(header: &mut Header, columns: Columns, bytes: &[u8]) -> Result<Points, 
             return Err(format!("{seen} values where FIELDS and COUNT make {total}"));
         }
         Ok(Some(row))
-    })?;
+    }
+}
+
+/// A warning where the data goes on after `count` points.
+pub(super) fn points_ignored(held: u64, count: u64) -> Option<String> {
+    let rest = held.checked_sub(count).filter(|&rest| rest > 0)?;
+    Some(format!("{rest} points more than announced are ignored"))
+}
+
+/// The warning where the data goes on after the last point and is not zero.
+pub(super) fn bytes_ignored(rest: u64) -> String {
+    format!("{rest} bytes after the last announced point are ignored")
+}
+
+fn ascii(header: &mut Header, columns: Columns, bytes: &[u8]) -> Result<Points, Fault> {
+    let row = row_parser(header, columns);
+    let mut rows = parse_rows(bytes, header.body, columns.intensity.is_some(), row)?;
     let held = rows.points.len();
     let count = point_count(header.settle(held as u64)?)?;
-    if count < held {
-        let rest = held - count;
-        header
-            .warnings
-            .push(format!("{rest} points more than announced are ignored"));
-    }
+    header
+        .warnings
+        .extend(points_ignored(held as u64, count as u64));
     rows.points.truncate(count);
     rows.intensity.truncate(count);
     Ok((rows.points, rows.intensity))
@@ -92,66 +104,100 @@ fn binary(header: &mut Header, columns: Columns, bytes: &[u8]) -> Result<Points,
     // The Point Cloud Library itself sometimes leaves zeros behind the last point.
     let rest = body.get(count.saturating_mul(stride)..).unwrap_or_default();
     if rest.iter().any(|&byte| byte != 0) {
-        let rest = rest.len();
-        header.warnings.push(format!(
-            "{rest} bytes after the last announced point are ignored"
-        ));
+        header.warnings.push(bytes_ignored(rest.len() as u64));
     }
     gather(header, columns, count, |field| {
         Some((body.get(field.byte as usize..)?, stride))
     })
 }
 
+/// How compressed data announces itself, checked against what is there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Packed {
+    /// Bytes before and after decompression.
+    pub(super) packed: u64,
+    pub(super) size: u64,
+    pub(super) count: u64,
+}
+
+impl Packed {
+    /// Bytes of the two sizes ahead of the data.
+    pub(super) const HEAD: usize = 8;
+
+    /// From the first [`Packed::HEAD`] bytes of the body, which is `length` bytes long. `None` where
+    /// there is no data, and there need be none.
+    pub(super) fn read(
+        header: &mut Header,
+        head: &[u8],
+        length: u64,
+    ) -> Result<Option<Self>, Fault> {
+        let place = Place::Byte(header.body);
+        let Some((packed, rest)) = head.split_first_chunk::<4>() else {
+            // Some programs write no sizes where there are no points.
+            header.settle(0)?;
+            return Ok(None);
+        };
+        let packed = u64::from(u32::from_le_bytes(*packed));
+        let Some((size, _)) = rest.split_first_chunk::<4>() else {
+            return Err(Fault::truncated(place, "the data ends within its size"));
+        };
+        let size = u64::from(u32::from_le_bytes(*size));
+        let held = length.saturating_sub(Self::HEAD as u64);
+        if packed > held {
+            return Err(Fault::truncated(
+                place,
+                format!("{packed} compressed bytes announced, {held} there"),
+            ));
+        }
+        if size > packed.saturating_mul(lzf::MOST_EXPANSION as u64) {
+            return Err(Fault::malformed(
+                place,
+                format!(
+                    "{packed} bytes cannot decompress to the {size} announced; the file is damaged"
+                ),
+            ));
+        }
+        let count = header.settle(size / header.stride.max(1))?;
+        if count.checked_mul(header.stride) != Some(size) {
+            let stride = header.stride;
+            return Err(Fault::malformed(
+                place,
+                format!(
+                    "{count} points of {stride} bytes do not make the {size} bytes announced; the file is damaged"
+                ),
+            ));
+        }
+        Ok(Some(Self {
+            packed,
+            size,
+            count,
+        }))
+    }
+
+    /// Data that breaks the compression's rules `at` bytes after the sizes.
+    pub(super) fn damaged(header: &Header, at: usize) -> Fault {
+        Fault::malformed(
+            Place::Byte(header.body + Self::HEAD + at),
+            "the compressed data is damaged; copy the file again",
+        )
+    }
+}
+
 /// Compressed data is stored a field at a time, not a point at a time. Of the unpacked fields only
 /// coordinates and intensity are made numbers, each right in its place in the points.
 fn compressed(header: &mut Header, columns: Columns, bytes: &[u8]) -> Result<Points, Fault> {
     let body = bytes.get(header.body..).unwrap_or_default();
-    let place = Place::Byte(header.body);
-    let Some((packed_size, rest)) = body.split_first_chunk::<4>() else {
-        // Some programs write no sizes where there are no points.
-        header.settle(0)?;
+    let head = body.get(..Packed::HEAD).unwrap_or(body);
+    let Some(packed) = Packed::read(header, head, body.len() as u64)? else {
         return Ok((Vec::new(), Vec::new()));
     };
-    let packed_size = u64::from(u32::from_le_bytes(*packed_size));
-    let Some((size, rest)) = rest.split_first_chunk::<4>() else {
-        return Err(Fault::truncated(place, "the data ends within its size"));
-    };
-    let size = u64::from(u32::from_le_bytes(*size));
-    let packed = usize::try_from(packed_size)
-        .ok()
-        .and_then(|n| rest.get(..n))
-        .ok_or_else(|| {
-            let held = rest.len();
-            Fault::truncated(
-                place,
-                format!("{packed_size} compressed bytes announced, {held} there"),
-            )
-        })?;
-    if size > packed_size.saturating_mul(lzf::MOST_EXPANSION as u64) {
-        return Err(Fault::malformed(
-            place,
-            format!(
-                "{packed_size} bytes cannot decompress to the {size} announced; the file is damaged"
-            ),
-        ));
-    }
-    let count = header.settle(size / header.stride.max(1))?;
-    if count.checked_mul(header.stride) != Some(size) {
-        let stride = header.stride;
-        return Err(Fault::malformed(
-            place,
-            format!(
-                "{count} points of {stride} bytes do not make the {size} bytes announced; the file is damaged"
-            ),
-        ));
-    }
-    let count = point_count(count)?;
-    let columns_of_bytes = lzf::decompress(packed, size as usize).map_err(|at| {
-        Fault::malformed(
-            Place::Byte(header.body + 8 + at),
-            "the compressed data is damaged; copy the file again",
-        )
-    })?;
+    let count = point_count(packed.count)?;
+    let data = body
+        .get(Packed::HEAD..)
+        .and_then(|data| data.get(..packed.packed as usize))
+        .unwrap_or_default();
+    let columns_of_bytes =
+        lzf::decompress(data, packed.size as usize).map_err(|at| Packed::damaged(header, at))?;
     gather(header, columns, count, |field| {
         let start = (field.byte as usize).checked_mul(count)?;
         Some((columns_of_bytes.get(start..)?, field.bytes() as usize))

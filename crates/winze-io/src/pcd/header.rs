@@ -6,7 +6,7 @@ use crate::error::{Fault, Place};
 use crate::scalar::Scalar;
 
 /// A header that has not come to DATA by then is none.
-const LONGEST: usize = 64 * 1024;
+pub(super) const LONGEST: usize = 64 * 1024;
 
 /// More unknown lines than this are not listed.
 const MOST_WARNINGS: usize = 8;
@@ -29,8 +29,17 @@ impl Field {
     }
 }
 
+/// How many points a header announces.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Claim {
+    None,
+    One(u64),
+    /// POINTS and WIDTH times HEIGHT differ: what the data holds decides.
+    Disputed,
+}
+
 /// All that the header says.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Header {
     pub(super) fields: Vec<Field>,
     /// Bytes and text columns of a record.
@@ -108,6 +117,16 @@ impl Header {
     /// WIDTH times HEIGHT, where the file gives a WIDTH.
     fn area(&self) -> Option<u64> {
         self.width?.checked_mul(self.height)
+    }
+
+    /// What the header alone says of the number of points.
+    pub(super) fn claim(&self) -> Claim {
+        match (self.points, self.area()) {
+            (None, None) => Claim::None,
+            (Some((n, _)), None) | (None, Some(n)) => Claim::One(n),
+            (Some((points, _)), Some(area)) if points == area => Claim::One(points),
+            (Some(_), Some(_)) => Claim::Disputed,
+        }
     }
 
     /// How many points to read where the data holds `held`: POINTS, or WIDTH times HEIGHT where

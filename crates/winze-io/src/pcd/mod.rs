@@ -6,8 +6,10 @@
 
 mod decode;
 mod header;
+mod stream;
 mod values;
 mod write;
 
 pub(crate) use decode::decode;
+pub(crate) use stream::Stream;
 pub(crate) use write::write;

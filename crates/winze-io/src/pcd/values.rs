@@ -15,6 +15,17 @@ pub(super) enum Data {
     Compressed,
 }
 
+impl Data {
+    /// The name in the header.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Ascii => "ascii",
+            Self::Binary => "binary",
+            Self::Compressed => "binary_compressed",
+        }
+    }
+}
+
 /// One value a field: those of the line, or `default` where the line is absent.
 pub(super) fn list<'a>(
     values: Option<Values<'a>>,

@@ -1,61 +1,150 @@
 //! The vertices of a PLY file.
 
 use super::header::{Data, Element, Header, Kind};
+use super::walk::{Body, Source};
 use crate::columns::{Columns, Row, shortened};
 use crate::error::{Fault, Place};
 use crate::lines::{blank_separated, number, parse_rows, skip_lines};
 use crate::raw::{Raw, point_count};
 use crate::scalar::{Column, Order, Scalar};
 
+/// A PLY file's header and what of it is read.
+#[derive(Debug)]
+pub(super) struct Vertices {
+    pub(super) data: Data,
+    /// Where the elements begin.
+    pub(super) body: usize,
+    pub(super) before: Vec<Element>,
+    pub(super) vertex: Element,
+    pub(super) columns: Columns,
+    pub(super) names: Vec<String>,
+    pub(super) warnings: Vec<String>,
+}
+
+impl Vertices {
+    /// Finds the vertices in the header at the start of `bytes`.
+    pub(super) fn parse(bytes: &[u8]) -> Result<Self, Fault> {
+        let mut header = Header::parse(bytes)?;
+        let at = header.elements.iter().position(|e| e.name == "vertex");
+        header.elements.truncate(at.map_or(usize::MAX, |at| at + 1));
+        let vertex = match at.and_then(|_| header.elements.pop()) {
+            Some(vertex) => vertex,
+            None => return Err(no_vertices(&header.elements)),
+        };
+        let names: Vec<String> = vertex.properties.iter().map(|p| p.name.clone()).collect();
+        let place = Place::Line(vertex.line);
+        let mut columns =
+            Columns::find(&names).map_err(|problem| Fault::Malformed(place, problem))?;
+        let list = |column: usize| {
+            let property = vertex.properties.get(column)?;
+            matches!(property.kind, Kind::List { .. }).then_some(&property.name)
+        };
+        if let Some(name) = columns.xyz.into_iter().find_map(list) {
+            let problem = format!("property {name} is a list where a number is needed");
+            return Err(Fault::Malformed(place, problem));
+        }
+        let mut warnings = Vec::new();
+        if let Some(name) = columns.intensity.and_then(list) {
+            warnings.push(format!(
+                "property {name} is a list; intensities are left out"
+            ));
+            columns.intensity = None;
+        }
+        Ok(Self {
+            data: header.data,
+            body: header.body,
+            before: header.elements,
+            vertex,
+            columns,
+            names,
+            warnings,
+        })
+    }
+
+    /// Where a column lies in a vertex without lists, and its type.
+    pub(super) fn place(&self, column: usize) -> (usize, Scalar) {
+        let properties = &self.vertex.properties;
+        let sizes = properties.iter().take(column).map(|p| match p.kind {
+            Kind::Scalar(scalar) => scalar.size(),
+            Kind::List { .. } => 0,
+        });
+        match properties.get(column).map(|p| p.kind) {
+            Some(Kind::Scalar(scalar)) => (sizes.sum(), scalar),
+            _ => (sizes.sum(), Scalar::F64),
+        }
+    }
+
+    /// Parses a line of text; `None` where it holds no vertex.
+    pub(super) fn row(&self, line: &[u8]) -> Result<Option<Row>, String> {
+        if line.is_empty() {
+            return Ok(None);
+        }
+        if self.vertex.fixed_size().is_none() {
+            return row_with_lists(&self.vertex, self.columns, line).map(Some);
+        }
+        let (row, seen) = self.columns.pick(blank_separated(line), number)?;
+        let properties = self.vertex.properties.len();
+        if seen != properties {
+            return Err(format!("{seen} values for {properties} properties"));
+        }
+        Ok(Some(row))
+    }
+
+    /// Refuses vertices of `least` bytes or more, of which `length` bytes hold too few.
+    pub(super) fn check_held(&self, length: u64, least: u64) -> Result<(), Fault> {
+        let held = length / least.max(1);
+        if held < self.vertex.count {
+            return Err(cut(&self.vertex, held));
+        }
+        Ok(())
+    }
+
+    /// Vertices with lists, which must be read one after the other. Each goes to `put`.
+    pub(super) fn varied<S: Source>(
+        &self,
+        body: &mut Body<S>,
+        mut put: impl FnMut(Row) -> Result<(), Fault>,
+    ) -> Result<(), Fault> {
+        // The count is the file's claim: what it takes at least must be there.
+        self.check_held(body.left(), self.vertex.least_size())?;
+        let columns = self.columns;
+        let mut row = Row::default();
+        let last = self.vertex.properties.len() - 1;
+        body.walk(&self.vertex, |column, value| {
+            if let Some(axis) = columns.xyz.iter().position(|&c| c == column) {
+                if let Some(slot) = row.point.get_mut(axis) {
+                    *slot = value;
+                }
+            } else if columns.intensity == Some(column) {
+                row.intensity = value as f32;
+            }
+            if column == last { put(row) } else { Ok(()) }
+        })
+    }
+}
+
 /// Decodes the vertices of a whole PLY file. What follows them is not looked at.
 pub(crate) fn decode(bytes: &[u8]) -> Result<Raw, Fault> {
-    let header = Header::parse(bytes)?;
-    let at = header.elements.iter().position(|e| e.name == "vertex");
-    let (before, vertex) = at
-        .and_then(|at| Some((header.elements.get(..at)?, header.elements.get(at)?)))
-        .ok_or_else(|| no_vertices(&header.elements))?;
-    let names: Vec<String> = vertex.properties.iter().map(|p| p.name.clone()).collect();
-    let place = Place::Line(vertex.line);
-    let mut columns = Columns::find(&names).map_err(|problem| Fault::Malformed(place, problem))?;
-    let list = |column: usize| {
-        let property = vertex.properties.get(column)?;
-        matches!(property.kind, Kind::List { .. }).then_some(&property.name)
-    };
-    if let Some(name) = columns.xyz.into_iter().find_map(list) {
-        let problem = format!("property {name} is a list where a number is needed");
-        return Err(Fault::Malformed(place, problem));
-    }
-    let mut warnings = Vec::new();
-    if let Some(name) = columns.intensity.and_then(list) {
-        warnings.push(format!(
-            "property {name} is a list; intensities are left out"
-        ));
-        columns.intensity = None;
-    }
-    point_count(vertex.count)?;
-    let (points, intensity) = match header.data {
-        Data::Ascii => ascii(before, vertex, columns, bytes, header.body)?,
+    let file = Vertices::parse(bytes)?;
+    point_count(file.vertex.count)?;
+    let (points, intensity) = match file.data {
+        Data::Ascii => ascii(&file, bytes)?,
         Data::Binary(order) => {
-            let body = bytes.get(header.body..).unwrap_or_default();
-            let start = skip_binary(before, body, order)?;
-            let body = body.get(start..).unwrap_or_default();
-            match vertex.fixed_size() {
-                Some(stride) => fixed(vertex, columns, body, order, stride)?,
-                None => varied(vertex, columns, body, order)?,
+            let rest = bytes.get(file.body..).unwrap_or_default();
+            let mut body = Body::new(rest, order, rest.len() as u64);
+            body.skip_elements(&file.before)?;
+            match file.vertex.fixed_size() {
+                Some(stride) => fixed(&file, body.into_source(), order, stride)?,
+                None => varied(&file, &mut body)?,
             }
         }
     };
     Ok(Raw {
-        intensity: columns.intensity.map(|_| intensity),
-        encoding: match header.data {
-            Data::Ascii => "ascii",
-            Data::Binary(Order::Little) => "binary_little_endian",
-            Data::Binary(Order::Big) => "binary_big_endian",
-        }
-        .to_owned(),
-        fields: names,
+        intensity: file.columns.intensity.map(|_| intensity),
+        encoding: file.data.name().to_owned(),
+        fields: file.names,
         points,
-        warnings,
+        warnings: file.warnings,
         ..Raw::default()
     })
 }
@@ -74,7 +163,7 @@ fn no_vertices(elements: &[Element]) -> Fault {
 
 type Points = (Vec<[f64; 3]>, Vec<f32>);
 
-fn cut(element: &Element, held: u64) -> Fault {
+pub(super) fn cut(element: &Element, held: u64) -> Fault {
     let Element {
         name, count, line, ..
     } = element;
@@ -84,36 +173,18 @@ fn cut(element: &Element, held: u64) -> Fault {
     )
 }
 
-fn ascii(
-    before: &[Element],
-    vertex: &Element,
-    columns: Columns,
-    bytes: &[u8],
-    body: usize,
-) -> Result<Points, Fault> {
-    let mut start = body;
-    for element in before.iter().filter(|e| !e.properties.is_empty()) {
+fn ascii(file: &Vertices, bytes: &[u8]) -> Result<Points, Fault> {
+    let vertex = &file.vertex;
+    let mut start = file.body;
+    for element in file.before.iter().filter(|e| !e.properties.is_empty()) {
         let rest = bytes.get(start..).unwrap_or_default();
         start += skip_lines(rest, element.count).map_err(|held| cut(element, held))?;
     }
     let rest = bytes.get(start..).unwrap_or_default();
     let length = skip_lines(rest, vertex.count).map_err(|held| cut(vertex, held))?;
     let bytes = bytes.get(..start + length).unwrap_or(bytes);
-    let plain = vertex.fixed_size().is_some();
-    let rows = parse_rows(bytes, start, columns.intensity.is_some(), |line| {
-        if line.is_empty() {
-            return Ok(None);
-        }
-        if !plain {
-            return row_with_lists(vertex, columns, line).map(Some);
-        }
-        let (row, seen) = columns.pick(blank_separated(line), number)?;
-        let properties = vertex.properties.len();
-        if seen != properties {
-            return Err(format!("{seen} values for {properties} properties"));
-        }
-        Ok(Some(row))
-    })?;
+    let with_intensity = file.columns.intensity.is_some();
+    let rows = parse_rows(bytes, start, with_intensity, |line| file.row(line))?;
     Ok((rows.points, rows.intensity))
 }
 
@@ -144,127 +215,35 @@ fn row_with_lists(vertex: &Element, columns: Columns, line: &[u8]) -> Result<Row
     Ok(row)
 }
 
-/// Where the elements before the vertices end in binary data.
-fn skip_binary(before: &[Element], body: &[u8], order: Order) -> Result<usize, Fault> {
-    let mut at = 0usize;
-    for element in before {
-        let rest = body.get(at..).unwrap_or_default();
-        at += match element.fixed_size() {
-            Some(size) => element
-                .count
-                .checked_mul(size)
-                .filter(|&n| n <= rest.len() as u64)
-                .ok_or_else(|| cut(element, rest.len() as u64 / size.max(1)))?
-                as usize,
-            None => walk(element, rest, order, |_, _| {})?,
-        };
-    }
-    Ok(at)
-}
-
 /// Vertices that all have the same size.
-fn fixed(
-    vertex: &Element,
-    columns: Columns,
-    body: &[u8],
-    order: Order,
-    stride: u64,
-) -> Result<Points, Fault> {
-    let held = body.len() as u64 / stride.max(1);
-    if held < vertex.count {
-        return Err(cut(vertex, held));
-    }
-    let (count, stride) = (vertex.count as usize, stride as usize);
+fn fixed(file: &Vertices, body: &[u8], order: Order, stride: u64) -> Result<Points, Fault> {
+    file.check_held(body.len() as u64, stride)?;
+    let (count, stride) = (file.vertex.count as usize, stride as usize);
     let column = |index: usize| {
-        let sizes = vertex.properties.iter().take(index).map(|p| match p.kind {
-            Kind::Scalar(scalar) => scalar.size(),
-            Kind::List { .. } => 0,
-        });
-        let scalar = match vertex.properties.get(index).map(|p| p.kind) {
-            Some(Kind::Scalar(scalar)) => scalar,
-            _ => Scalar::F64,
-        };
+        let (offset, scalar) = file.place(index);
         Column {
             scalar,
             order,
-            bytes: body.get(sizes.sum()..).unwrap_or_default(),
+            bytes: body.get(offset..).unwrap_or_default(),
             stride,
         }
     };
-    let points = Column::points(columns.xyz.map(column), count);
-    let intensity = columns.intensity.map(|i| column(i).floats(count));
+    let points = Column::points(file.columns.xyz.map(column), count);
+    let intensity = file.columns.intensity.map(|i| column(i).floats(count));
     Ok((points, intensity.unwrap_or_default()))
 }
 
-/// Vertices with lists, which must be read one after the other.
-fn varied(vertex: &Element, columns: Columns, body: &[u8], order: Order) -> Result<Points, Fault> {
-    // The count is the file's claim: what it takes at least must be there.
-    let least = vertex.least_size().max(1);
-    let most = body.len() as u64 / least;
-    if most < vertex.count {
-        return Err(cut(vertex, most));
-    }
-    let count = vertex.count as usize;
-    let mut points = Vec::with_capacity(count);
+fn varied(file: &Vertices, body: &mut Body<&[u8]>) -> Result<Points, Fault> {
+    let mut points = Vec::new();
     let mut intensity = Vec::new();
-    let mut row = Row::default();
-    let last = vertex.properties.len() - 1;
-    walk(vertex, body, order, |column, value| {
-        if let Some(axis) = columns.xyz.iter().position(|&c| c == column) {
-            if let Some(slot) = row.point.get_mut(axis) {
-                *slot = value;
-            }
-        } else if columns.intensity == Some(column) {
-            row.intensity = value as f32;
+    file.varied(body, |row| {
+        points.push(row.point);
+        if file.columns.intensity.is_some() {
+            intensity.push(row.intensity);
         }
-        if column == last {
-            points.push(row.point);
-            if columns.intensity.is_some() {
-                intensity.push(row.intensity);
-            }
-        }
+        Ok(())
     })?;
     Ok((points, intensity))
-}
-
-/// Goes through all rows of an element with lists and calls `visit` with each property's index and
-/// its value, or its length if it is a list. Returns the bytes passed.
-fn walk(
-    element: &Element,
-    body: &[u8],
-    order: Order,
-    mut visit: impl FnMut(usize, f64),
-) -> Result<usize, Fault> {
-    let mut rest = body;
-    for row in 0..element.count {
-        for (i, property) in element.properties.iter().enumerate() {
-            let (head, item) = match property.kind {
-                Kind::Scalar(scalar) => (scalar, None),
-                Kind::List { count, item } => (count, Some(item)),
-            };
-            let value = head.first(order, rest).ok_or_else(|| cut(element, row))?;
-            let items = match item {
-                // A count beyond all data saturates and is then not there.
-                Some(item) if value >= 0.0 => (value as usize).saturating_mul(item.size()),
-                Some(_) => {
-                    let offset = body.len() - rest.len();
-                    let name = &property.name;
-                    return Err(Fault::malformed(
-                        Place::Line(element.line),
-                        format!(
-                            "list {name} has a length of {value}, {offset} bytes into the element; the file is damaged"
-                        ),
-                    ));
-                }
-                None => 0,
-            };
-            rest = rest
-                .get(head.size().saturating_add(items)..)
-                .ok_or_else(|| cut(element, row))?;
-            visit(i, value);
-        }
-    }
-    Ok(body.len() - rest.len())
 }
 
 #[cfg(test)]

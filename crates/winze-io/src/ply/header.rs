@@ -5,13 +5,24 @@ use crate::error::{Fault, Place};
 use crate::scalar::{Order, Scalar};
 
 /// A header that has not come to `end_header` by then is none.
-const LONGEST: usize = 64 * 1024;
+pub(super) const LONGEST: usize = 64 * 1024;
 
 /// How the elements follow the header.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Data {
     Ascii,
     Binary(Order),
+}
+
+impl Data {
+    /// The name in the header.
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Ascii => "ascii",
+            Self::Binary(Order::Little) => "binary_little_endian",
+            Self::Binary(Order::Big) => "binary_big_endian",
+        }
+    }
 }
 
 /// The type of one property.

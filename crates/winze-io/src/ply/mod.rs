@@ -7,7 +7,10 @@
 
 mod decode;
 mod header;
+mod stream;
+mod walk;
 mod write;
 
 pub(crate) use decode::decode;
+pub(crate) use stream::Stream;
 pub(crate) use write::write;

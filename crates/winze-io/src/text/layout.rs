@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::columns::{self, Columns};
+use crate::columns::{self, Columns, Row};
 use crate::error::{Fault, Place};
 use crate::lines::{blank_separated, number};
 
@@ -26,6 +26,8 @@ pub(super) struct Layout {
     pub(super) names: Vec<String>,
     /// Where the first line of numbers begins.
     pub(super) body: usize,
+    /// Lines before it.
+    pub(super) line: usize,
     /// The number of points that the first line announces, with the line's number.
     pub(super) announced: Option<(u64, usize)>,
 }
@@ -82,76 +84,137 @@ impl fmt::Display for Delimiter {
     }
 }
 
-impl Layout {
-    /// Looks at the lines up to and including the first one of numbers.
-    pub(super) fn detect(bytes: &[u8]) -> Result<Self, Fault> {
-        if bytes.starts_with(&[0xFF, 0xFE]) || bytes.starts_with(&[0xFE, 0xFF]) {
+/// The lines ahead of the first one of numbers, taken one by one.
+#[derive(Debug, Default)]
+pub(super) struct Detector {
+    /// Bytes and lines passed.
+    pub(super) body: usize,
+    pub(super) line: usize,
+    announced: Option<(u64, usize)>,
+    comment: Option<Vec<String>>,
+    header: Option<Vec<String>>,
+}
+
+impl Detector {
+    /// For a file that starts with these bytes, at least three where there are as many. The first
+    /// line begins at `body`.
+    pub(super) fn new(start: &[u8]) -> Result<Self, Fault> {
+        if start.starts_with(&[0xFF, 0xFE]) || start.starts_with(&[0xFE, 0xFF]) {
             return Err(Fault::malformed(
                 Place::File,
                 "is UTF-16 text; save it as UTF-8",
             ));
         }
-        let mut body = if bytes.starts_with(b"\xEF\xBB\xBF") {
-            3
-        } else {
-            0
-        };
-        let mut announced = None;
-        let mut comment = None;
-        let mut header: Option<Vec<String>> = None;
-        let lines = bytes.get(body..).unwrap_or_default();
-        for (i, line) in lines.split_inclusive(|&b| b == b'\n').enumerate() {
-            let place = Place::Line(i + 1);
-            let content = line.trim_ascii();
-            if is_comment(content) {
-                if content.len() <= LONGEST {
-                    let names = names(after_marker(content));
-                    comment = Columns::find(&names).ok().map(|_| names).or(comment);
-                }
-            } else if content.len() > LONGEST {
-                return Err(Fault::malformed(
-                    place,
-                    "is longer than 64 KiB; a text cloud has one point a line, x y z",
-                ));
-            } else if !content.is_empty() {
-                let delimiter = Delimiter::detect(content);
-                let tokens = delimiter.tokens(content);
-                let unsettled = announced.is_none() && header.is_none();
-                if let Some(count) = count(&tokens).filter(|_| unsettled) {
-                    announced = Some((count, i + 1));
-                } else if header.is_none()
-                    && let Some(row) = header_names(delimiter, &tokens, content)
-                        .map_err(|problem| Fault::Malformed(place, problem))?
-                {
-                    header = Some(row);
-                } else {
-                    // A comment is taken for names only if it fits: it may as well be prose.
-                    let comment = comment.filter(|names| names.len() == tokens.len());
-                    let (columns, names) = choose(header.or(comment));
-                    return Ok(Self {
-                        delimiter,
-                        columns,
-                        names,
-                        body,
-                        announced,
-                    });
+        let marked = start.starts_with(b"\xEF\xBB\xBF");
+        Ok(Self {
+            body: if marked { 3 } else { 0 },
+            ..Self::default()
+        })
+    }
+
+    /// Looks at the next line, with its end; the layout if it is the first one of numbers.
+    pub(super) fn take(&mut self, line: &[u8]) -> Result<Option<Layout>, Fault> {
+        let place = Place::Line(self.line + 1);
+        let content = line.trim_ascii();
+        if is_comment(content) {
+            if content.len() <= LONGEST {
+                let names = names(after_marker(content));
+                if Columns::find(&names).is_ok() {
+                    self.comment = Some(names);
                 }
             }
-            body += line.len();
+        } else if content.len() > LONGEST {
+            return Err(Fault::malformed(
+                place,
+                "is longer than 64 KiB; a text cloud has one point a line, x y z",
+            ));
+        } else if !content.is_empty() {
+            let delimiter = Delimiter::detect(content);
+            let tokens = delimiter.tokens(content);
+            let unsettled = self.announced.is_none() && self.header.is_none();
+            if let Some(count) = count(&tokens).filter(|_| unsettled) {
+                self.announced = Some((count, self.line + 1));
+            } else if self.header.is_none()
+                && let Some(row) = header_names(delimiter, &tokens, content)
+                    .map_err(|problem| Fault::Malformed(place, problem))?
+            {
+                self.header = Some(row);
+            } else {
+                // A comment is taken for names only if it fits: it may as well be prose.
+                let comment = self.comment.take();
+                let comment = comment.filter(|names| names.len() == tokens.len());
+                let (columns, names) = choose(self.header.take().or(comment));
+                return Ok(Some(Layout {
+                    delimiter,
+                    columns,
+                    names,
+                    body: self.body,
+                    line: self.line,
+                    announced: self.announced,
+                }));
+            }
         }
-        check_count(announced, 0)?;
-        Err(Fault::Empty)
+        self.body += line.len();
+        self.line += 1;
+        Ok(None)
+    }
+
+    /// What is wrong where no line of numbers came.
+    pub(super) fn end(&self) -> Fault {
+        match check_count(self.announced, 0) {
+            Err(fault) => fault,
+            Ok(()) => Fault::Empty,
+        }
+    }
+}
+
+impl Layout {
+    /// Looks at the lines up to and including the first one of numbers.
+    pub(super) fn detect(bytes: &[u8]) -> Result<Self, Fault> {
+        let mut detector = Detector::new(bytes)?;
+        let lines = bytes.get(detector.body..).unwrap_or_default();
+        for line in lines.split_inclusive(|&b| b == b'\n') {
+            if let Some(layout) = detector.take(line)? {
+                return Ok(layout);
+            }
+        }
+        Err(detector.end())
+    }
+
+    /// Parses a line; `None` where it holds no point.
+    pub(super) fn row(&self, line: &[u8]) -> Result<Option<Row>, String> {
+        if line.is_empty() || is_comment(line) {
+            return Ok(None);
+        }
+        let needed = self.columns.needed();
+        let number = |token: &[u8]| self.delimiter.number(token);
+        let (row, seen) = match self.delimiter.byte() {
+            None => self.columns.pick(blank_separated(line), number)?,
+            Some(byte) => self.columns.pick(line.split(|&b| b == byte), number)?,
+        };
+        if seen < needed {
+            return Err(format!("{seen} columns where {needed} are needed"));
+        }
+        Ok(Some(row))
+    }
+
+    /// A warning where the file holds more points than it announces.
+    pub(super) fn surplus(&self, held: u64) -> Option<String> {
+        let (announced, line) = self.announced.filter(|&(n, _)| n != held)?;
+        Some(format!(
+            "line {line} announces {announced} points but the file holds {held}; all are read"
+        ))
     }
 
     /// Refuses a file that holds fewer points than it announces.
-    pub(super) fn check_held(&self, held: usize) -> Result<(), Fault> {
+    pub(super) fn check_held(&self, held: u64) -> Result<(), Fault> {
         check_count(self.announced, held)
     }
 }
 
-fn check_count(announced: Option<(u64, usize)>, held: usize) -> Result<(), Fault> {
+fn check_count(announced: Option<(u64, usize)>, held: u64) -> Result<(), Fault> {
     match announced {
-        Some((count, line)) if count > held as u64 => Err(Fault::truncated(
+        Some((count, line)) if count > held => Err(Fault::truncated(
             Place::Line(line),
             format!("announces {count} points but the file holds {held}"),
         )),

@@ -15,6 +15,7 @@
 //!   below it. (Without a count, a file cut at the end of a line cannot be told from a whole one.)
 
 mod layout;
+mod stream;
 
 use std::io::{self, Write};
 
@@ -24,42 +25,22 @@ use crate::encode::ascii_rows;
 use crate::error::Fault;
 use crate::lines::parse_rows;
 use crate::raw::Raw;
-use layout::{Layout, is_comment};
+use layout::Layout;
+pub(crate) use stream::Stream;
 
 /// Decodes a whole text file.
 pub(crate) fn decode(bytes: &[u8]) -> Result<Raw, Fault> {
     let layout = Layout::detect(bytes)?;
-    let columns = layout.columns;
-    let needed = columns.needed();
-    let delimiter = layout.delimiter;
-    let rows = parse_rows(bytes, layout.body, columns.intensity.is_some(), |line| {
-        if line.is_empty() || is_comment(line) {
-            return Ok(None);
-        }
-        let number = |token: &[u8]| delimiter.number(token);
-        let (row, seen) = match delimiter.byte() {
-            None => columns.pick(crate::lines::blank_separated(line), number)?,
-            Some(byte) => columns.pick(line.split(|&b| b == byte), number)?,
-        };
-        if seen < needed {
-            return Err(format!("{seen} columns where {needed} are needed"));
-        }
-        Ok(Some(row))
-    })?;
-    let mut warnings = Vec::new();
-    let held = rows.points.len();
+    let with_intensity = layout.columns.intensity.is_some();
+    let rows = parse_rows(bytes, layout.body, with_intensity, |line| layout.row(line))?;
+    let held = rows.points.len() as u64;
     layout.check_held(held)?;
-    if let Some((announced, line)) = layout.announced.filter(|&(n, _)| n != held as u64) {
-        warnings.push(format!(
-            "line {line} announces {announced} points but the file holds {held}; all are read"
-        ));
-    }
     Ok(Raw {
         points: rows.points,
-        intensity: columns.intensity.map(|_| rows.intensity),
-        encoding: delimiter.to_string(),
+        intensity: layout.columns.intensity.map(|_| rows.intensity),
+        encoding: layout.delimiter.to_string(),
+        warnings: layout.surplus(held).into_iter().collect(),
         fields: layout.names,
-        warnings,
         ..Raw::default()
     })
 }
