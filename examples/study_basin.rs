@@ -122,9 +122,9 @@ fn plan() -> Vec<(usize, (f64, f64), u64)> {
 }
 
 struct Problem<'a> {
-    map: &'a Surface,
-    levels: &'a [NdtCells],
-    query: Surface,
+    map: &'a Surface<'static>,
+    levels: &'a [NdtCells<'static>],
+    query: Surface<'static>,
     centroid: [f64; 3],
     truth: Pose,
 }

@@ -69,7 +69,7 @@ fn study(name: &str, map: &Cloud, query: &Cloud, truth: &Pose) -> Result<()> {
         ..config.icp.clone()
     };
     let (plane, point) = (wide(IcpMetric::PointToPlane), wide(IcpMetric::PointToPoint));
-    type Refiner<'a> = Box<dyn Fn(&Surface, &Surface, &Pose) -> Pose + 'a>;
+    type Refiner<'a> = Box<dyn Fn(&Surface<'_>, &Surface<'_>, &Pose) -> Pose + 'a>;
     let refiners: [(&str, Refiner<'_>); 6] = [
         (
             "ICP point-to-plane",

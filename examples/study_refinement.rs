@@ -59,17 +59,17 @@ impl Table {
 struct Prepared<'a> {
     drive: &'a Drive,
     centroid: [f64; 3],
-    map: &'a Surface,
-    query: Surface,
-    levels: &'a [NdtCells],
+    map: &'a Surface<'static>,
+    query: Surface<'static>,
+    levels: &'a [NdtCells<'static>],
 }
 
 /// What is done once for a map and a voxel size.
 struct MapSide {
     voxel: f64,
-    surface: Surface,
-    levels: Vec<NdtCells>,
-    features: Features,
+    surface: Surface<'static>,
+    levels: Vec<NdtCells<'static>>,
+    features: Features<'static>,
 }
 
 impl Prepared<'_> {
@@ -208,7 +208,11 @@ fn chain(table: &mut Table, p: &Prepared<'_>, by_ndt: &Pose, config: &Config) {
 /// Point-to-point ICP with one thing changed at a time.
 fn cause(table: &mut Table, p: &Prepared<'_>, by_ndt: &Pose, cloud: &Cloud, config: &Config) {
     let bare = &config.icp;
-    let mut add = |name: &str, map: &Surface, query: &Surface, from: &Pose, icp: &IcpConfig| {
+    let mut add = |name: &str,
+                   map: &Surface<'static>,
+                   query: &Surface<'static>,
+                   from: &Pose,
+                   icp: &IcpConfig| {
         let found = icp::align(map, query, from, icp).map_from_query;
         table.add(name, p.miss(&found));
     };
@@ -293,7 +297,7 @@ fn pair(table: &mut Table, p: &Prepared<'_>, side: &MapSide, config: &Config) {
 }
 
 /// The query's points whose surface the map holds, by the truth.
-fn shared(p: &Prepared<'_>) -> Surface {
+fn shared(p: &Prepared<'_>) -> Surface<'static> {
     let (map, query) = (p.map, &p.query);
     let pose = p.drive.truth.between_origins(map.origin, query.origin);
     let kept: Vec<usize> = (0..query.points.len())
@@ -320,12 +324,12 @@ fn shared(p: &Prepared<'_>) -> Surface {
         voxel: query.voxel,
         normals: kept.iter().map(|&i| query.normals[i]).collect(),
         tree: KdTree::build(&points),
-        points,
+        points: points.into(),
     }
 }
 
 /// The surface with the nearest measured point in each centroid's place.
-fn measured(surface: &Surface, cloud: &Cloud) -> Surface {
+fn measured(surface: &Surface<'static>, cloud: &Cloud) -> Surface<'static> {
     let tree = KdTree::build(cloud.points());
     let shift: [f64; 3] = std::array::from_fn(|a| surface.origin[a] - cloud.origin()[a]);
     let points: Vec<[f32; 3]> = surface
@@ -340,18 +344,18 @@ fn measured(surface: &Surface, cloud: &Cloud) -> Surface {
         .collect();
     Surface {
         tree: KdTree::build(&points),
-        points,
+        points: points.into(),
         ..surface.clone()
     }
 }
 
 /// All points as they were measured, without normals.
-fn raw(cloud: &Cloud, voxel: f64) -> Surface {
+fn raw(cloud: &Cloud, voxel: f64) -> Surface<'static> {
     Surface {
         origin: cloud.origin(),
         voxel,
-        points: cloud.points().to_vec(),
-        normals: vec![[0.0; 3]; cloud.len()],
+        points: cloud.points().to_vec().into(),
+        normals: vec![[0.0; 3]; cloud.len()].into(),
         tree: KdTree::build(cloud.points()),
     }
 }

@@ -193,7 +193,7 @@ fn bytes(text: &str) -> Result<u64, String> {
     };
     let number: f64 = number.trim().parse().map_err(|_| wrong())?;
     let bytes = number * f64::from(1u32 << 10).powi(unit / 10);
-    if !(bytes >= 1.0 && bytes < 1e18) {
+    if !(1.0..1e18).contains(&bytes) {
         return Err(wrong());
     }
     #[expect(

@@ -81,7 +81,11 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
         },
     );
     let drawn = args.picture.is_some() || args.report.is_some();
-    let picture = if drawn { map.picture()? } else { Cloud::default() };
+    let picture = if drawn {
+        map.picture()?
+    } else {
+        Cloud::default()
+    };
     let answer = Answer {
         map: &picture,
         query: &query.cloud,

@@ -76,7 +76,7 @@ fn build(args: &MapBuild, global: &Global) -> anyhow::Result<()> {
 }
 
 /// As Linux tells it; half of it, since others want memory too.
-fn half_of_what_is_free() -> u64 {
+pub(crate) fn half_of_what_is_free() -> u64 {
     std::fs::read_to_string("/proc/meminfo")
         .ok()
         .and_then(|text| {
@@ -308,7 +308,11 @@ fn in_words(time: Duration) -> String {
     if seconds < 120.0 {
         return format!("{seconds:.1} s");
     }
-    format!("{:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0)
+    format!(
+        "{:.0} min {:.0} s",
+        (seconds / 60.0).floor(),
+        seconds % 60.0
+    )
 }
 
 /// Seconds since 1970 as a date and a time, UTC.
@@ -322,7 +326,11 @@ fn date(seconds: u64) -> String {
     let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
     let shifted = (5 * of_year + 2) / 153;
     let day = of_year - (153 * shifted + 2) / 5 + 1;
-    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
+    let month = if shifted < 10 {
+        shifted + 3
+    } else {
+        shifted - 9
+    };
     let year = year_of_era + era * 400 + u64::from(month <= 2);
     let (hour, minute) = (seconds / 3600 % 24, seconds / 60 % 60);
     format!("{year:04}-{month:02}-{day:02} {hour:02}:{minute:02} UTC")

@@ -73,14 +73,22 @@ impl Prior {
 
     /// What the outcome says of it.
     pub(crate) fn source(&self, path: &Path) -> Source {
-        let (digest, points) = match self {
-            Self::Cloud(file) => (file.report.digest.clone(), file.cloud.len()),
-            Self::Built(map) => (map.digest(), map.points()),
+        let digest = match self {
+            Self::Cloud(file) => file.report.digest.clone(),
+            Self::Built(map) => map.digest(),
         };
         Source {
             path: Some(path.display().to_string()),
             digest: Some(digest),
-            points,
+            points: self.points(),
+        }
+    }
+
+    /// Points of the cloud or clouds.
+    pub(crate) fn points(&self) -> usize {
+        match self {
+            Self::Cloud(file) => file.cloud.len(),
+            Self::Built(map) => map.points(),
         }
     }
 

@@ -37,7 +37,11 @@ impl Progress {
 
     /// A bar for work that tells what share of it is done, with the time that is left.
     pub(crate) fn shared(quiet: bool) -> Self {
-        Self::styled(quiet, SHARES, "{bar:24} {percent} %, {elapsed}, {eta} left: {msg}")
+        Self::styled(
+            quiet,
+            SHARES,
+            "{bar:24} {percent} %, {elapsed}, {eta} left: {msg}",
+        )
     }
 
     /// This share of the work is done, and something is being done.

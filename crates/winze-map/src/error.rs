@@ -181,6 +181,17 @@ impl Error {
     }
 }
 
+impl Error {
+    /// For code that reads clouds to pass on; `Error::from` unwraps it again.
+    pub(crate) fn into_read(self) -> winze_io::Error {
+        winze_io::Error::Io {
+            file: String::new(),
+            action: "be read",
+            cause: self.into(),
+        }
+    }
+}
+
 impl From<winze::Error> for Error {
     fn from(cause: winze::Error) -> Self {
         Self::Winze(cause)

@@ -41,6 +41,8 @@ const MOST_SIZES: usize = 6;
 #[derive(Debug)]
 pub struct KeptMap<'a> {
     source: Source<'a>,
+    /// What the paper's metrics compare with, where that is not the source.
+    reference: Option<&'a Cloud>,
     settings: Option<Settings>,
     /// Of the raw points.
     spacing: Option<Option<f64>>,
@@ -173,6 +175,14 @@ impl<'a> KeptMap<'a> {
         Self::keeping(Source::Prepared(map), MOST_SIZES)
     }
 
+    /// The same, with the cloud that it was made of: the paper's metrics are then taken against all of its
+    /// points, as they are for a map that was not prepared.
+    #[must_use]
+    pub fn measured_against(mut self, cloud: &'a Cloud) -> Self {
+        self.reference = Some(cloud);
+        self
+    }
+
     /// For a single question: one voxel size at a time.
     pub(crate) fn once(map: &'a Cloud) -> Self {
         Self::keeping(Source::Cloud(map), 1)
@@ -181,6 +191,7 @@ impl<'a> KeptMap<'a> {
     fn keeping(source: Source<'a>, most: usize) -> Self {
         Self {
             source,
+            reference: None,
             settings: None,
             spacing: None,
             base: None,
@@ -202,10 +213,15 @@ impl<'a> KeptMap<'a> {
     /// What [`KeptMap::inliers`] compares with, in words.
     #[must_use]
     pub fn inlier_reference(&self) -> &'static str {
-        match self.source {
+        match self.compared() {
             Source::Cloud(_) => "map as read",
             Source::Prepared(_) => "finest level of the built map",
         }
+    }
+
+    /// What the paper's metrics compare with.
+    fn compared(&self) -> Source<'a> {
+        self.reference.map_or(self.source, Source::Cloud)
     }
 
     /// The paper's metrics of `query` at any pose, against the map as given, or, where it was prepared
@@ -223,7 +239,7 @@ impl<'a> KeptMap<'a> {
         let of = |tree: &KdTree<'_>, origin| {
             metrics::inliers(tree, origin, query, map_from_query, distance)
         };
-        match self.source {
+        match self.compared() {
             Source::Cloud(cloud) => Ok(of(self.tree(cloud), cloud.origin())),
             Source::Prepared(map) => {
                 let finest = map.surface(0)?;
@@ -234,7 +250,7 @@ impl<'a> KeptMap<'a> {
 
     /// Makes what [`KeptMap::inliers`] looks things up in; how many points that has.
     pub(crate) fn reference(&mut self) -> Result<usize> {
-        match self.source {
+        match self.compared() {
             Source::Cloud(cloud) => Ok(self.tree(cloud).len()),
             Source::Prepared(map) => Ok(map.surface(0)?.points.len()),
         }

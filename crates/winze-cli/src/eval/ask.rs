@@ -1,11 +1,15 @@
 //! Methods asked over cases, each in a process of its own or all in one.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
 
+use anyhow::Context as _;
+use tempfile::TempDir;
 use winze::{Config, Method};
-use winze_report::evaluation::{MethodCost, Run, Trouble};
+use winze_map::BuildOptions;
+use winze_report::evaluation::{MapCost, MethodCost, Run, Trouble};
 
 use super::cases::Case;
 use super::commands::again;
@@ -13,7 +17,9 @@ use super::journal::Journal;
 use super::worker::{Job, Said};
 use super::{FIGURES, seeds, workers};
 use crate::args::{Eval, Global};
+use crate::map::half_of_what_is_free;
 use crate::output::talk;
+use crate::prior::is_built;
 use crate::progress::Progress;
 
 /// What is asked, of every method alike.
@@ -35,11 +41,19 @@ impl Asked<'_> {
         seeds
     }
 
+    /// What a journal has of methods on a case, where it has all of it.
+    fn known(&self, case: &Case, methods: &[Method]) -> Option<Vec<Vec<Run>>> {
+        let journal: &Journal = self.journal?;
+        let of = |m: &Method| journal.runs(m.name(), &case.name, &self.seeds_of(*m));
+        methods.iter().map(of).collect()
+    }
+
     /// One process' methods on all cases.
     fn one(
         &self,
         first: bool,
         methods: &[Method],
+        built: &Shared,
         threads: usize,
         progress: &Progress,
     ) -> anyhow::Result<(Vec<Run>, MethodCost, Vec<Trouble>)> {
@@ -52,12 +66,7 @@ impl Asked<'_> {
         let (mut runs, mut errors): (Vec<Run>, Vec<Trouble>) = Default::default();
         let mut left = Vec::new();
         for case in self.cases {
-            let all = |journal: &Journal| -> Option<Vec<Vec<Run>>> {
-                let of =
-                    |(method, seeds): &(String, Vec<u64>)| journal.runs(method, &case.name, seeds);
-                asked.iter().map(of).collect()
-            };
-            match self.journal.and_then(all) {
+            match self.known(case, methods) {
                 Some(known) => {
                     for run in known.into_iter().flatten() {
                         progress.step(&case.name);
@@ -76,6 +85,7 @@ impl Asked<'_> {
                 .figures
                 .clone()
                 .map(|folder| (FIGURES.name().to_owned(), folder)),
+            built: built.files.clone(),
             cases: by_map(&left),
         };
         let mut noted = Ok(());
@@ -177,6 +187,7 @@ pub(super) fn ask(
         .map(|m| asked.seeds_of(*m).len() * asked.cases.len())
         .sum();
     let progress = Progress::counted(asked.global.quiet, total);
+    let shared = shared_maps(asked, groups, &progress)?;
     let next = AtomicUsize::new(0);
     let found = Mutex::new(Vec::new());
     std::thread::scope(|scope| {
@@ -187,7 +198,7 @@ pub(super) fn ask(
                     let Some(group) = groups.get(i) else {
                         return;
                     };
-                    let answer = asked.one(i == 0, group, threads, &progress);
+                    let answer = asked.one(i == 0, group, &shared, threads, &progress);
                     let mut found = found.lock().unwrap_or_else(PoisonError::into_inner);
                     found.push((i, answer));
                 }
@@ -198,6 +209,7 @@ pub(super) fn ask(
     let mut found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
     found.sort_by_key(|(i, _)| *i);
     let (mut runs, mut costs, mut errors) = (Vec::new(), Vec::new(), Vec::new());
+    costs.extend(shared.cost);
     for (_, answer) in found {
         let (own, cost, trouble) = answer?;
         runs.extend(own);
@@ -205,6 +217,73 @@ pub(super) fn ask(
         errors.extend(trouble);
     }
     Ok((runs, costs, errors))
+}
+
+/// Maps that several questions share, built once, by the clouds they are made of.
+#[derive(Default)]
+struct Shared {
+    files: Vec<(PathBuf, PathBuf)>,
+    cost: Option<MethodCost>,
+    /// Where they are, while they are.
+    _folder: Option<TempDir>,
+}
+
+/// Builds each map that is asked more than once.
+fn shared_maps(
+    asked: &Asked<'_>,
+    groups: &[Vec<Method>],
+    progress: &Progress,
+) -> anyhow::Result<Shared> {
+    let config = asked.config;
+    let mut shared = Shared::default();
+    // Clouds that are cleaned before they are thinned cannot be built in a stream.
+    if config.prepare.denoise_first {
+        return Ok(shared);
+    }
+    let mut questions: Vec<(&Path, usize)> = Vec::new();
+    for case in groups.iter().flat_map(|group| {
+        let left = move |c: &&Case| asked.known(c, group).is_none();
+        asked.cases.iter().filter(left)
+    }) {
+        match questions.iter_mut().find(|(map, _)| *map == case.map) {
+            Some((_, count)) => *count += 1,
+            None => questions.push((&case.map, 1)),
+        }
+    }
+    questions.retain(|(map, count)| *count > 1 && !is_built(map));
+    if questions.is_empty() {
+        return Ok(shared);
+    }
+    let folder = tempfile::tempdir().context("no folder for built maps")?;
+    let mut cost = MethodCost {
+        method: "map build".into(),
+        ..MethodCost::default()
+    };
+    for (i, (map, _)) in questions.into_iter().enumerate() {
+        progress.say(&format!("build {}", map.display()));
+        let begun = Instant::now();
+        let file = folder.path().join(format!("{i}.wmap"));
+        let options = BuildOptions {
+            memory: half_of_what_is_free(),
+            ..BuildOptions::default()
+        };
+        match winze_map::build(&[map.to_owned()], &file, config, &options) {
+            Ok(meta) => {
+                cost.maps.push(MapCost {
+                    map: map.display().to_string(),
+                    points: usize::try_from(meta.points).unwrap_or(usize::MAX),
+                    read_seconds: 0.0,
+                    work_seconds: begun.elapsed().as_secs_f64(),
+                });
+                shared.files.push((map.to_owned(), file));
+            }
+            // Whoever asks the cloud itself is told what is wrong with it, if anything.
+            Err(e) => tracing::info!("{}: not built: {e}", map.display()),
+        }
+    }
+    shared.cost = Some(cost);
+    shared._folder = Some(folder);
+    Ok(shared)
 }
 
 /// How many methods run at once, and on how many threads each.

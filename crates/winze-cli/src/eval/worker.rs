@@ -11,10 +11,12 @@ use anyhow::Context as _;
 use serde::{Deserialize, Serialize};
 use winze::{Config, KeptMap, KeptQuery, Method, Outcome, Pose, Request, locate_in};
 use winze_io::{CloudFile, atomic};
+use winze_map::Map;
 use winze_report::evaluation::{Case as Truth, Inliers, MapCost, Run, mark};
 
 use super::cases::Case;
 use crate::locate::read;
+use crate::prior::Prior;
 
 /// What a worker is to do.
 #[derive(Debug, Serialize, Deserialize)]
@@ -27,6 +29,8 @@ pub(super) struct Job {
     pub(super) keep_query: bool,
     /// Folder for a picture of each case, before and after one of the methods.
     pub(super) figures: Option<(String, PathBuf)>,
+    /// Maps that were built beforehand, by the clouds they were made of.
+    pub(super) built: Vec<(PathBuf, PathBuf)>,
     /// Cases on one map stand together.
     pub(super) cases: Vec<Case>,
 }
@@ -58,7 +62,12 @@ pub(crate) fn run() -> anyhow::Result<ExitCode> {
     let methods: Vec<(Method, &[u64])> = parsed.collect::<anyhow::Result<_>>()?;
     for cases in job.cases.chunk_by(|a, b| a.map == b.map) {
         let begun = Instant::now();
-        let map = match cases.first().map(|c| read(&c.map)) {
+        let built = |cloud: &Path| job.built.iter().find(|(of, _)| of == cloud);
+        let open = |case: &Case| -> anyhow::Result<(Prior, Option<Map>)> {
+            let built = built(&case.map).map(|(_, file)| Map::open(file));
+            Ok((Prior::open(&case.map)?, built.transpose()?))
+        };
+        let (map, built) = match cases.first().map(open) {
             Some(Ok(map)) => map,
             Some(Err(e)) => {
                 for case in cases {
@@ -73,13 +82,18 @@ pub(crate) fn run() -> anyhow::Result<ExitCode> {
             map: cases
                 .first()
                 .map_or_else(String::new, |c| c.map.display().to_string()),
-            points: map.cloud.len(),
+            points: map.points(),
             read_seconds: begun.elapsed().as_secs_f64(),
             work_seconds: 0.0,
         };
-        let mut kept = KeptMap::new(&map.cloud);
+        let mut kept = match (&map, &built) {
+            (Prior::Cloud(file), Some(built)) => {
+                KeptMap::prepared(built).measured_against(&file.cloud)
+            }
+            _ => map.kept(),
+        };
         for case in cases {
-            if let Err(e) = answer(&job, &methods, case, &mut kept, &mut cost) {
+            if let Err(e) = answer(&job, &methods, case, (&map, &mut kept), &mut cost) {
                 // Nobody listens any more.
                 if crate::output::is_broken_pipe(&e) {
                     return Err(e);
@@ -101,18 +115,19 @@ fn answer(
     job: &Job,
     methods: &[(Method, &[u64])],
     case: &Case,
-    map: &mut KeptMap<'_>,
+    (prior, map): (&Prior, &mut KeptMap<'_>),
     cost: &mut MapCost,
 ) -> anyhow::Result<()> {
     let truth = case.truth()?;
     let query = read(&case.query)?;
     let ceiling = truth.truth.as_ref().map(|pose| {
-        let metrics = map.inliers(&query.cloud, pose, &job.config.verify);
-        Inliers {
+        let metrics = map.inliers(&query.cloud, pose, &job.config.verify)?;
+        anyhow::Ok(Inliers {
             fraction: metrics.fraction,
             rmse: metrics.rmse,
-        }
+        })
     });
+    let ceiling = ceiling.transpose()?;
     let mut kept = KeptQuery::new(&query.cloud);
     let mut asked = false;
     for (method, seeds) in methods {
@@ -144,7 +159,7 @@ fn answer(
             say(&Said::Run(Box::new(run)))?;
             let figures = job.figures.as_ref().filter(|_| i == 0);
             if let Some((_, folder)) = figures.filter(|(of, _)| of == method.name())
-                && let Err(e) = figure(folder, case, map, &query, &outcome)
+                && let Err(e) = figure(folder, case, prior, &query, &outcome)
             {
                 tracing::warn!("{}: no picture: {e:#}", case.name);
             }
@@ -189,11 +204,11 @@ fn judged(case: &Case, truth: &Truth, query: &CloudFile, outcome: &Outcome) -> R
 fn figure(
     folder: &Path,
     case: &Case,
-    map: &KeptMap<'_>,
+    map: &Prior,
     query: &CloudFile,
     outcome: &Outcome,
 ) -> anyhow::Result<()> {
-    let png = winze_report::before_and_after(map.cloud(), &query.cloud, outcome)?;
+    let png = winze_report::before_and_after(&map.picture()?, &query.cloud, outcome)?;
     Ok(atomic::write_bytes(
         &folder.join(figure_name(&case.name)),
         &png,

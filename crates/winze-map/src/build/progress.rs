@@ -85,21 +85,14 @@ impl<'a> Plan<'a> {
             _ => LOOK_A_POINT,
         };
         self.step(step, 0.0);
-        let mut failed = None;
-        let read = points.for_each(chunk, &mut |chunk| {
-            if let Err(e) = each(chunk) {
-                failed = Some(e);
-                return Err(winze_io::Error::Stopped);
-            }
+        points.for_each(chunk, &mut |chunk| {
+            each(chunk).map_err(Error::into_read)?;
             #[expect(clippy::cast_precision_loss, reason = "a count")]
             self.done.set(self.done.get() + cost * chunk.len() as f64);
             self.tell(step, self.done.get());
             Ok(())
-        });
-        match failed {
-            Some(e) => Err(e),
-            None => read.map_err(Error::from),
-        }
+        })?;
+        Ok(())
     }
 
     /// The levels that are ahead, now that the base is known.
