@@ -260,6 +260,7 @@ fn widths(points: &[[f32; 3]], normals: &[[f64; 3]], spacing: f64) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::spacing::CLOSEST;
     use crate::test_world::{cloud, drift};
 
     #[test]

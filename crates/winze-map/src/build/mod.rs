@@ -50,7 +50,7 @@ pub struct BuildOptions<'a> {
     /// How to read the clouds.
     pub read: ReadOptions,
     /// Who wants to follow.
-    pub progress: Option<&'a dyn Fn(&Progress<'_>)>,
+    pub progress: Option<&'a (dyn Fn(&Progress<'_>) + Sync)>,
 }
 
 impl Default for BuildOptions<'_> {

@@ -26,7 +26,7 @@ const LEVEL_A_POINT: f64 = 1e-5;
 
 /// The work that is ahead and behind.
 pub(super) struct Plan<'a> {
-    told: Option<&'a dyn Fn(&Progress<'_>)>,
+    told: Option<&'a (dyn Fn(&Progress<'_>) + Sync)>,
     all: Cell<f64>,
     done: Cell<f64>,
     /// What is underway, once it is done.
@@ -37,7 +37,7 @@ pub(super) struct Plan<'a> {
 }
 
 impl<'a> Plan<'a> {
-    pub(super) fn new(told: Option<&'a dyn Fn(&Progress<'_>)>) -> Self {
+    pub(super) fn new(told: Option<&'a (dyn Fn(&Progress<'_>) + Sync)>) -> Self {
         Self {
             told,
             all: Cell::new(1.0),
