@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 use std::process::ExitCode;
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant, UNIX_EPOCH};
 
 use serde::Serialize;
@@ -36,7 +37,18 @@ fn build(args: &MapBuild, global: &Global) -> anyhow::Result<()> {
     check_outputs(&[&args.out], &inputs)?;
     let begun = Instant::now();
     let progress = Progress::shared(global.quiet);
-    let told = |p: &BuildProgress<'_>| progress.share(p.step, p.done);
+    let under_way = Mutex::new((String::new(), begun));
+    let told = |p: &BuildProgress<'_>| {
+        progress.share(p.step, p.done);
+        let mut under_way = under_way.lock().unwrap_or_else(PoisonError::into_inner);
+        let (step, since) = &mut *under_way;
+        if step != p.step {
+            if !step.is_empty() {
+                tracing::info!("{step}: {:.3} s", since.elapsed().as_secs_f64());
+            }
+            (*step, *since) = (p.step.to_owned(), Instant::now());
+        }
+    };
     let options = BuildOptions {
         memory: args.memory.unwrap_or_else(half_of_what_is_free),
         replace: args.force,

@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use crate::columns::{Columns, Memory};
 use crate::config::{DescriptorVariant, FpfhConfig};
 use crate::kdtree::{KdTree, Neighbour};
+use crate::neighbours::{GROUP, Neighbours};
 use crate::parallel;
 
 /// Bins of one histogram.
@@ -65,40 +66,39 @@ pub fn descriptors_in<C: Columns>(
     let mut slot = columns.zeros::<u32>(points.len())?;
     for (keypoints, out) in keypoints.chunks(BLOCK).zip(out.chunks_mut(BLOCK)) {
         // SPFHs are wanted at the keypoints and all their neighbours, each once.
-        let near = parallel::map_with(
-            keypoints.len(),
-            || (),
-            |(), k| {
-                let mut found = Vec::new();
-                tree.within(
-                    points[keypoints[k] as usize],
-                    radius,
-                    |index, distance_squared| {
-                        found.push(Neighbour {
-                            index,
-                            distance_squared,
-                        });
-                    },
-                );
-                found
-            },
+        let at = |k: &u32| points[*k as usize];
+        let mut near: Vec<Vec<Neighbour>> = vec![Vec::new(); keypoints.len()];
+        // Keypoints lie apart: fewer of them share a walk.
+        parallel::fill_groups(
+            &mut near,
+            GROUP / 4,
+            Neighbours::default,
+            |near, group| near.gather(tree, radius, keypoints[group].iter().map(at)),
+            |near, k| near.of(tree, at(&keypoints[k])).to_vec(),
         );
         let mut needed: Vec<u32> = Vec::new();
         for n in near.iter().flatten() {
             let slot = &mut slot[n.index as usize];
             if *slot == 0 {
+                *slot = 1;
                 needed.push(n.index);
-                #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 points")]
-                let place = needed.len() as u32;
-                *slot = place;
             }
         }
-        let spfh = parallel::map_with(
-            needed.len(),
-            || (),
-            |(), s| {
+        // In memory order, so that those that follow each other share their neighbours.
+        needed.sort_unstable();
+        for (place, i) in (1u32..).zip(&needed) {
+            slot[*i as usize] = place;
+        }
+        let mut spfh = vec![[0.0; DIMENSIONS]; needed.len()];
+        parallel::fill_groups(
+            &mut spfh,
+            GROUP,
+            Neighbours::default,
+            |near, group| near.gather(tree, radius, needed[group].iter().map(at)),
+            |near, s| {
                 let i = needed[s] as usize;
-                spfh(points, normals, tree, i, radius, config.unsigned)
+                let found = near.of(tree, points[i]);
+                self::spfh(points, normals, i, found, config.unsigned)
             },
         );
         let of = |i: u32| spfh.get((slot[i as usize] as usize).checked_sub(1)?);
@@ -175,9 +175,8 @@ fn weigh<'a>(
 fn spfh(
     points: &[[f32; 3]],
     normals: &[[f32; 3]],
-    tree: &KdTree<'_>,
     i: usize,
-    radius: f32,
+    neighbours: &[Neighbour],
     unsigned: bool,
 ) -> Descriptor {
     let mut counts = [0u32; DIMENSIONS];
@@ -186,10 +185,10 @@ fn spfh(
     if n != [0.0; 3] {
         let mut batch = Batch::default();
         let mut held = 0;
-        tree.within(p, radius, |j, _| {
-            let (q, m) = (points[j as usize], normals[j as usize]);
-            if j as usize == i || m == [0.0; 3] {
-                return;
+        for j in neighbours.iter().map(|n| n.index as usize) {
+            let (q, m) = (points[j], normals[j]);
+            if j == i || m == [0.0; 3] {
+                continue;
             }
             others += 1;
             for a in 0..3 {
@@ -201,7 +200,7 @@ fn spfh(
                 batch.count(n, held, unsigned, &mut counts);
                 held = 0;
             }
-        });
+        }
         batch.count(n, held, unsigned, &mut counts);
     }
     #[expect(clippy::cast_precision_loss, reason = "counts of neighbours")]

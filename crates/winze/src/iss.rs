@@ -17,6 +17,7 @@
 //! budget, cell by cell; [`Keypoints::qualified`] tells how many came from the test itself.
 
 use std::cmp::Reverse;
+use std::ops::Range;
 
 use rayon::prelude::*;
 
@@ -24,6 +25,7 @@ use crate::columns::{Columns, Memory};
 use crate::config::{IssCentre, IssConfig};
 use crate::eigen3::{Symmetric3, eigen3};
 use crate::kdtree::{KdTree, Neighbour};
+use crate::neighbours::{GROUP, Neighbours};
 use crate::parallel;
 use crate::voxel::{Grid, pack};
 
@@ -231,14 +233,11 @@ fn coded_saliency<C: Columns>(
     );
     let weights = config.density_weighting.then_some(&*weights);
     let mut coded = columns.zeros::<f32>(points.len())?;
-    parallel::fill(&mut coded, Vec::new, |found, i| {
-        found.clear();
-        tree.within(points[i], r, |index, distance_squared| {
-            found.push(Neighbour {
-                index,
-                distance_squared,
-            });
-        });
+    let gather = |near: &mut Neighbours, group: Range<usize>| {
+        near.gather(tree, r, points[group].iter().copied());
+    };
+    parallel::fill_groups(&mut coded, GROUP, Neighbours::default, gather, |near, i| {
+        let found = near.of(tree, points[i]);
         if found.len() <= config.min_neighbours {
             return Saliency::NONE.coded();
         }

@@ -178,7 +178,7 @@ impl<'a> KdTree<'a> {
 
     /// The original index of the point at a place in leaf order.
     #[inline]
-    fn name(&self, place: usize) -> u32 {
+    pub(crate) fn name(&self, place: usize) -> u32 {
         if self.order.is_empty() {
             #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 points")]
             return place as u32;
@@ -309,6 +309,47 @@ impl<'a> KdTree<'a> {
             }
             limit
         });
+    }
+
+    /// Calls `each` with the places of the points of every leaf that can hold points within `√limit` of the box
+    /// from `low` to `high`, in order.
+    pub(crate) fn leaves_near(
+        &self,
+        low: [f32; 3],
+        high: [f32; 3],
+        limit: f32,
+        mut each: impl FnMut(std::ops::Range<usize>),
+    ) {
+        let finite = |v: &[f32; 3]| v.iter().all(|c| c.is_finite());
+        if self.nodes.is_empty() || !finite(&low) || !finite(&high) {
+            return;
+        }
+        let nodes: &[Node] = &self.nodes;
+        // (node, distance of the box to its region along each axis)
+        let mut stack = [(0u32, [0.0f32; 3]); MAX_DEPTH];
+        let mut top = 1;
+        while top > 0 {
+            top -= 1;
+            let (mut at, mut cut) = stack[top];
+            while squared(cut) <= limit {
+                let [split, axis, a, b] = nodes[at as usize];
+                if axis == LEAF_MARK {
+                    each(a as usize..b as usize);
+                    break;
+                }
+                let (axis, split) = (axis as usize, f32::from_bits(split));
+                // To the right side by as much as the box ends before the split, to the left by as much as it
+                // begins behind it.
+                let mut right = cut;
+                right[axis] = right[axis].max(split - high[axis]);
+                if top < MAX_DEPTH {
+                    stack[top] = (at + a, right);
+                    top += 1;
+                }
+                cut[axis] = cut[axis].max(low[axis] - split);
+                at += 1;
+            }
+        }
     }
 
     /// Walks the leaves that can hold points within `√limit`, near side first. `leaf` gets the

@@ -82,6 +82,7 @@ pub mod matching;
 pub mod method;
 pub mod metrics;
 pub mod ndt;
+mod neighbours;
 pub mod normals;
 pub mod outcome;
 mod parallel;

@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use crate::eigen3::{Symmetric3, eigen3};
 use crate::kdtree::{KdTree, Neighbour};
+use crate::neighbours::{GROUP, Neighbours};
 use crate::parallel;
 
 /// The neighbourhood that a normal is fitted to: all points within `radius` metres, but at least
@@ -52,24 +53,32 @@ pub(crate) fn estimate_into(
     } else {
         f32::INFINITY
     };
-    parallel::fill(normals, Vec::new, |found, i| {
-        found.clear();
-        if around.most > 0 {
-            tree.knn(points[i], around.most, radius, found);
-        } else if radius < f32::INFINITY {
-            tree.within(points[i], radius, |index, distance_squared| {
-                found.push(Neighbour {
-                    index,
-                    distance_squared,
-                });
-            });
-        }
-        if found.len() < around.least {
-            tree.knn(points[i], around.least, f32::INFINITY, found);
-        }
-        #[expect(clippy::cast_possible_truncation, reason = "unit components")]
-        of_neighbourhood(points, points[i], found).map_or([0.0; 3], |n| n.map(|v| v as f32))
-    });
+    let all_within = around.most == 0 && radius < f32::INFINITY;
+    parallel::fill_groups(
+        normals,
+        GROUP,
+        || (Neighbours::default(), Vec::new()),
+        |(near, _), group| {
+            if all_within {
+                near.gather(tree, radius, points[group].iter().copied());
+            }
+        },
+        |(near, nearest), i| {
+            let mut found: &[Neighbour] = &[];
+            if all_within {
+                found = near.of(tree, points[i]);
+            } else if around.most > 0 {
+                tree.knn(points[i], around.most, radius, nearest);
+                found = nearest;
+            }
+            if found.len() < around.least {
+                tree.knn(points[i], around.least, f32::INFINITY, nearest);
+                found = nearest;
+            }
+            #[expect(clippy::cast_possible_truncation, reason = "unit components")]
+            of_neighbourhood(points, points[i], found).map_or([0.0; 3], |n| n.map(|v| v as f32))
+        },
+    );
 }
 
 /// The normal of the plane through `neighbours` of `p`; `None` where they span none.

@@ -31,6 +31,28 @@ pub(crate) fn fill<S, T: Send>(
     });
 }
 
+/// As [`fill`], for groups of places that follow each other: `group` is told of the range, then `f` of each
+/// place in it. A chunk is a whole number of groups of `size`.
+pub(crate) fn fill_groups<S, T: Send>(
+    out: &mut [T],
+    size: usize,
+    scratch: impl Fn() -> S + Sync,
+    group: impl Fn(&mut S, Range<usize>) + Sync,
+    f: impl Fn(&mut S, usize) -> T + Sync,
+) {
+    let n = out.len();
+    out.par_chunks_mut(CHUNK).enumerate().for_each(|(c, part)| {
+        let mut s = scratch();
+        for (k, place) in part.iter_mut().enumerate() {
+            let i = c * CHUNK + k;
+            if i.is_multiple_of(size) {
+                group(&mut s, i..(i + size).min(n));
+            }
+            *place = f(&mut s, i);
+        }
+    });
+}
+
 /// One value for each of `0..n`, computed with scratch space that a chunk shares.
 pub(crate) fn map_with<S, T: Send>(
     n: usize,

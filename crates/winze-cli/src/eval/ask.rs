@@ -209,13 +209,13 @@ pub(super) fn ask(
     let mut found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
     found.sort_by_key(|(i, _)| *i);
     let (mut runs, mut costs, mut errors) = (Vec::new(), Vec::new(), Vec::new());
-    costs.extend(shared.cost);
     for (_, answer) in found {
         let (own, cost, trouble) = answer?;
         runs.extend(own);
         costs.push(cost);
         errors.extend(trouble);
     }
+    costs.extend(shared.cost);
     Ok((runs, costs, errors))
 }
 
