@@ -179,7 +179,7 @@ fn spfh(
     neighbours: &[Neighbour],
     unsigned: bool,
 ) -> Descriptor {
-    let mut counts = [0u32; DIMENSIONS];
+    let mut counts = Counts::default();
     let (p, n) = (points[i], normals[i]);
     let mut others = 0u32;
     if n != [0.0; 3] {
@@ -206,8 +206,17 @@ fn spfh(
     #[expect(clippy::cast_precision_loss, reason = "counts of neighbours")]
     let scale = 100.0 / others.max(1) as f32;
     #[expect(clippy::cast_precision_loss, reason = "counts of neighbours")]
-    counts.map(|c| c as f32 * scale)
+    std::array::from_fn(|k| {
+        let (part, bin) = (k / BINS, k % BINS);
+        counts.iter().map(|c| c[part][bin]).sum::<u32>() as f32 * scale
+    })
 }
+
+/// Slots of a histogram: its bins, and some that nobody reads.
+const SLOTS: usize = 16;
+
+/// Three histograms, twice: pairs take turns, so that one need not wait for the other's sum.
+type Counts = [[[u32; SLOTS]; 3]; 2];
 
 /// Neighbours whose angles are worked out side by side.
 const BATCH: usize = 16;
@@ -222,17 +231,21 @@ struct Batch {
 
 impl Batch {
     /// Counts the first `held` pairs with a point of normal `n` into their bins.
-    fn count(&self, n: [f32; 3], held: usize, unsigned: bool, counts: &mut [u32; DIMENSIONS]) {
+    fn count(&self, n: [f32; 3], held: usize, unsigned: bool, counts: &mut Counts) {
         let angles = if unsigned {
             self.angles::<true>(n)
         } else {
             self.angles::<false>(n)
         };
-        for k in 0..held {
-            if angles.frame[k] {
-                counts[bin(angles.theta[k])] += 1;
-                counts[BINS + bin(angles.alpha[k])] += 1;
-                counts[2 * BINS + bin(angles.phi[k])] += 1;
+        let bins = [
+            bins(&angles.theta, &angles.frame),
+            bins(&angles.alpha, &angles.frame),
+            bins(&angles.phi, &angles.frame),
+        ];
+        for k in 0..held.min(BATCH) {
+            let counts = &mut counts[k % 2];
+            for part in 0..3 {
+                counts[part][bins[part][k] as usize % SLOTS] += 1;
             }
         }
     }
@@ -243,6 +256,9 @@ impl Batch {
     /// `UNSIGNED`, the second normal is first turned to the side of the first, and then the sign
     /// that flipping both would change is dropped, |θ| and |φ|: nothing depends on either normal's
     /// sign.
+    ///
+    /// With u the source's normal, o the other one and d the line, u·u = 1 gives v·o = det(d, u, o) / |d × u|,
+    /// w·o = (d·o − (u·d)(u·o)) / |d × u| and |d × u|² = |d|² − (u·d)², so that no frame need be built.
     #[inline]
     fn angles<const UNSIGNED: bool>(&self, n: [f32; 3]) -> Angles {
         let mut out = Angles::default();
@@ -253,21 +269,17 @@ impl Batch {
                 let side = if dot(n, m) < 0.0 { -1.0 } else { 1.0 };
                 m = m.map(|c| c * side);
             }
-            let length = dot(line, line).sqrt();
-            let (a, b) = (dot(n, line), dot(m, line));
+            let (a, b, c) = (dot(n, line), dot(m, line), dot(n, m));
+            let squared = dot(line, line);
             // acos(|a|) > acos(|b|) without the arc cosines, |line| cancelling.
             let swap = a.abs() < b.abs();
-            let pick = |x: f32, y: f32| if swap { y } else { x };
-            let u: [f32; 3] = std::array::from_fn(|i| pick(n[i], m[i]));
-            let other: [f32; 3] = std::array::from_fn(|i| pick(m[i], n[i]));
-            let d: [f32; 3] = std::array::from_fn(|i| pick(line[i], -line[i]));
-            let v = cross(d, u);
-            let norm = dot(v, v).sqrt();
-            let v = v.map(|c| c / norm);
-            let w = cross(u, v);
-            let theta = atan2(dot(w, other), dot(u, other));
-            let phi = pick(a, -b) / length;
-            out.alpha[k] = (dot(v, other) + 1.0) * 0.5;
+            // The source's normal along the line, and the other one, the line pointing away from the source.
+            let (own, other) = if swap { (-b, -a) } else { (a, b) };
+            let across = squared - own * own;
+            let norm = across.max(0.0).sqrt();
+            let theta = atan2(other - own * c, c * norm);
+            let phi = own / squared.sqrt();
+            out.alpha[k] = (dot(cross(line, n), m) / norm + 1.0) * 0.5;
             if UNSIGNED {
                 // Both normals lie on one side, so |θ| ends at a quarter turn but for rounding.
                 out.theta[k] = theta.abs() * std::f32::consts::FRAC_2_PI;
@@ -276,12 +288,19 @@ impl Batch {
                 out.theta[k] = (theta + std::f32::consts::PI) * (0.5 * std::f32::consts::FRAC_1_PI);
                 out.phi[k] = (phi + 1.0) * 0.5;
             }
-            // The line runs along the normal, or is none: no frame.
-            out.frame[k] = norm > 0.0;
+            // The line runs along the normal, to within rounding, or is none: no frame.
+            out.frame[k] = if across > PARALLEL * squared {
+                1.0
+            } else {
+                0.0
+            };
         }
         out
     }
 }
+
+/// Squared sine below which a line runs along a normal as far as 32 bits tell.
+const PARALLEL: f32 = 1e-6;
 
 /// Features of a batch.
 #[derive(Default)]
@@ -289,20 +308,28 @@ struct Angles {
     theta: [f32; BATCH],
     alpha: [f32; BATCH],
     phi: [f32; BATCH],
-    frame: [bool; BATCH],
+    /// 0 where a pair has no frame.
+    frame: [f32; BATCH],
 }
 
-/// The bin of a value scaled to `[0, 1]`.
+/// The bins of values scaled to `[0, 1]`; one that nobody reads for pairs without a frame.
 #[inline]
-fn bin(unit: f32) -> usize {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        clippy::cast_precision_loss,
-        reason = "clamped; NaN becomes 0"
-    )]
-    let b = (unit * BINS as f32) as usize;
-    b.min(BINS - 1)
+fn bins(unit: &[f32; BATCH], frame: &[f32; BATCH]) -> [u32; BATCH] {
+    /// Added to a number from 0 to 15, it leaves the number, rounded, in the lowest bits.
+    const SHIFT: f32 = 12_582_912.0;
+    #[expect(clippy::cast_precision_loss, reason = "small numbers")]
+    let (count, last, none) = (BINS as f32, (BINS - 1) as f32, (SLOTS - 1) as f32);
+    std::array::from_fn(|k| {
+        let at = if frame[k] > 0.0 {
+            (unit[k] * count).min(last).max(0.0)
+        } else {
+            none
+        };
+        let rounded = at + SHIFT;
+        // To the floor: conversions to whole numbers do not vectorise, this does.
+        let above = if rounded - SHIFT > at { 1.0 } else { 0.0 };
+        (rounded - above).to_bits() & (SLOTS as u32 - 1)
+    })
 }
 
 /// The angle of `(x, y)` to within 2·10⁻⁶ rad, far finer than a bin: a polynomial for the arc tangent on
@@ -380,7 +407,7 @@ mod tests {
             batch.normal[a][0] = m[a];
         }
         let found = batch.angles::<false>(n);
-        found.frame[0].then(|| [found.theta[0], found.alpha[0], found.phi[0]])
+        (found.frame[0] > 0.0).then(|| [found.theta[0], found.alpha[0], found.phi[0]])
     }
 
     #[test]
@@ -403,6 +430,20 @@ mod tests {
         // No frame where the line runs along the normal, or without a line.
         assert!(pair_angles([0.0; 3], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 0.0, 0.0]).is_none());
         assert!(pair_angles([0.0; 3], [1.0, 0.0, 0.0], [0.0; 3], [1.0, 0.0, 0.0]).is_none());
+    }
+
+    #[test]
+    fn bins_are_those_of_the_floor() {
+        let frame = [1.0; BATCH];
+        for i in 0..=22_000 {
+            let unit = i as f32 / 22_000.0;
+            let expected = ((unit * BINS as f32).floor() as u32).min(BINS as u32 - 1);
+            assert_eq!(bins(&[unit; BATCH], &frame)[0], expected, "{unit}");
+        }
+        for (unit, bin) in [(-0.1, 0), (1.1, 10), (f32::NAN, 10)] {
+            assert_eq!(bins(&[unit; BATCH], &frame)[3], bin, "{unit}");
+        }
+        assert_eq!(bins(&[0.5; BATCH], &[0.0; BATCH])[3], 15);
     }
 
     #[test]
