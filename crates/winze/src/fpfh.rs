@@ -319,7 +319,8 @@ fn bins(unit: &[f32; BATCH], frame: &[f32; BATCH]) -> [u32; BATCH] {
     const SHIFT: f32 = 12_582_912.0;
     #[expect(clippy::cast_precision_loss, reason = "small numbers")]
     let (count, last, none) = (BINS as f32, (BINS - 1) as f32, (SLOTS - 1) as f32);
-    std::array::from_fn(|k| {
+    let mut bins = [0; BATCH];
+    for k in 0..BATCH {
         let at = if frame[k] > 0.0 {
             (unit[k] * count).min(last).max(0.0)
         } else {
@@ -328,8 +329,9 @@ fn bins(unit: &[f32; BATCH], frame: &[f32; BATCH]) -> [u32; BATCH] {
         let rounded = at + SHIFT;
         // To the floor: conversions to whole numbers do not vectorise, this does.
         let above = if rounded - SHIFT > at { 1.0 } else { 0.0 };
-        (rounded - above).to_bits() & (SLOTS as u32 - 1)
-    })
+        bins[k] = (rounded - above).to_bits() & (SLOTS as u32 - 1);
+    }
+    bins
 }
 
 /// The angle of `(x, y)` to within 2·10⁻⁶ rad, far finer than a bin: a polynomial for the arc tangent on

@@ -168,17 +168,24 @@ pub fn orient_open_side(
     #[expect(clippy::cast_possible_truncation, reason = "a radius in metres")]
     let radius = radius as f32;
     let cap = radius / 4.0;
-    points.par_iter().zip(normals).for_each(|(p, n)| {
+    let of = |n: [f32; 3], p: [f32; 3], found: &[Neighbour]| {
         let mut balance = 0.0f32;
-        coarse.within(*p, radius, |i, _| {
-            let q = coarse_points[i as usize];
+        for neighbour in found {
+            let q = coarse_points[neighbour.index as usize];
             let out = (q[0] - p[0]) * n[0] + (q[1] - p[1]) * n[1] + (q[2] - p[2]) * n[2];
             balance += out.clamp(-cap, cap);
-        });
-        if balance < 0.0 {
-            *n = n.map(|c| -c);
         }
-    });
+        if balance < 0.0 { n.map(|c| -c) } else { n }
+    };
+    points
+        .par_chunks(GROUP)
+        .zip(normals.par_chunks_mut(GROUP))
+        .for_each_init(Neighbours::default, |near, (points, normals)| {
+            near.gather(coarse, radius, points.iter().copied());
+            for (p, n) in points.iter().zip(normals) {
+                *n = of(*n, *p, near.of(coarse, *p));
+            }
+        });
 }
 
 #[cfg(test)]
