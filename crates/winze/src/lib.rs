@@ -40,7 +40,7 @@
 //!
 //! | stage | function | gives |
 //! |---|---|---|
-//! | length scale from the data | [`scale::measure`], [`scale::candidates`] | voxel sizes |
+//! | length scale from the data | [`scale::measure`], [`scale::levels`], [`scale::choose`] | voxel sizes |
 //! | thin, clean, normals | [`prepare::prepare`] | [`Surface`](prepare::Surface) |
 //! | ISS keypoints, FPFH | [`features::describe`] | [`Features`](features::Features) |
 //! | nearest descriptors | [`matching::match_descriptors`] | [`Correspondence`](matching::Correspondence)s |
@@ -48,7 +48,8 @@
 //! | NDT, ICP | [`ndt::align`], [`icp::align`] | [`Refined`](refine::Refined) |
 //! | dense evidence, verdict | [`verify::fit`], [`verify::judge`] | [`Verdict`] |
 //!
-//! Where a map is asked more than once, [`locate_in`] with a [`KeptMap`] does the work on it once.
+//! Where a map is asked more than once, [`locate_in`] with a [`KeptMap`] does the work on it once; a
+//! [`PreparedMap`] keeps it from one day to the next.
 //!
 //! # What is guaranteed
 //!

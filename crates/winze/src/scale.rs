@@ -163,30 +163,6 @@ pub fn voxel_for(map: &Measure, query: &Measure) -> f64 {
     ladder(across.min(query.budget).max(floor))
 }
 
-/// The sizes to try, the best guess first, then finer and coarser ones by turns. None is finer than the
-/// clouds' own spacing.
-#[must_use]
-pub fn candidates(map: &Measure, query: &Measure, tries: usize) -> Vec<f64> {
-    let first = voxel_for(map, query);
-    let floor = FEWEST_SPACINGS * map.spacing.max(query.spacing);
-    let mut sizes = vec![first];
-    for k in 1..=tries {
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_possible_wrap,
-            reason = "few tries"
-        )]
-        for sign in [-1, 1] {
-            let size = step(first, sign * k as i32);
-            if size >= floor && sizes.len() < tries {
-                sizes.push(size);
-            }
-        }
-    }
-    sizes.truncate(tries);
-    sizes
-}
-
 /// The ladder's size nearest to `size`.
 fn ladder(size: f64) -> f64 {
     let k = (libm::log2(size / 0.1) * STEPS_PER_OCTAVE).round();
@@ -286,20 +262,22 @@ mod tests {
     }
 
     #[test]
-    fn sizes_lie_on_the_ladder_and_never_below_the_spacing() {
+    fn sizes_lie_on_the_ladder_and_never_below_two_spacings() {
         let m = Measure {
             spacing: 0.12,
             width: Some(4.2),
             width_range: None,
             budget: 0.8,
         };
-        let sizes = candidates(&m, &m, 5);
-        for s in &sizes {
-            assert!((ladder(*s) / s - 1.0).abs() < 1e-12);
-            assert!(*s >= 1.2 * m.spacing);
+        assert_eq!(voxel_for(&m, &m), ladder(0.3));
+        let dense = Measure {
+            width: Some(1.0),
+            ..m
+        };
+        assert_eq!(voxel_for(&dense, &dense), ladder(0.24));
+        for size in levels(&m) {
+            assert!((ladder(size) / size - 1.0).abs() < 1e-12);
         }
-        assert_eq!(sizes[0], ladder(0.3));
-        assert_eq!(candidates(&m, &m, 1).len(), 1);
     }
 
     #[test]
