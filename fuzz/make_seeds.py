@@ -1,8 +1,10 @@
 """Writes the seeds that the fuzzer starts from into seeds/<target>/. Run in this folder."""
 
+import json
 import pathlib
 import shutil
 import struct
+import zlib
 
 SEEDS = pathlib.Path("seeds")
 FIXTURES = pathlib.Path("../crates/winze-io/tests/fixtures")
@@ -130,3 +132,59 @@ put(
 points = "".join(f"v {x} {y} {z}\n" for x, y, z in square)
 put("mesh_obj", "square.obj", f"o square\n{points}vn 0 0 1\nf 1//1 2//1 3//1 4//1\n")
 put("mesh_obj", "negative.obj", f"# far\nv 431234.567 4499980.459 312.1\n{points}f -4 -3 \\\n-2\n")
+
+
+def wmap(*sections):
+    """A container: tag, bytes of an element, content."""
+    pad = lambda b: b + bytes(-len(b) % 64)
+    seal = lambda b: b + struct.pack("<I", zlib.crc32(b))
+    out = seal(struct.pack("<8sII44x", b"WINZEMAP", 1, 0x0A0B0C0D))
+    table = b""
+    for tag, number, element, content in sections:
+        out = pad(out)
+        table += struct.pack("<4sIQQIIQ", tag, number, len(out), len(content), zlib.crc32(content), element, 0)
+        out += content
+    out = pad(out)
+    trailer = struct.pack("<QQQI24x8s", len(out), len(table), len(pad(out + table)) + 64, zlib.crc32(table), b"WMAP END")
+    return pad(out + table) + seal(trailer)
+
+
+level = {"voxel": 0.2, "points": 0, "keypoints": 0, "qualified": 0, "ndt_sizes": [0.8], "ndt_cells": [0]}
+meta = {
+    "winze": "0.1.0",
+    "points": 100,
+    "origin": [0, 0, 0],
+    "bounds": [[0, 0, 0], [1, 1, 1]],
+    "robust_bounds": [[0, 0, 0], [1, 1, 1]],
+    "measure": {"spacing": 0.1, "width": 4.0, "width_range": [3.0, 5.0], "budget": 0.4},
+    "noise_patch": 0.3,
+    "base_voxel": 0.1,
+    "base_points": 0,
+    "levels": [level],
+    "sources": [{"name": "a", "digest": "", "bytes": 1, "format": "", "points": 100, "dropped": [0, 0, 0]}],
+    "config": {},
+    "config_digest": "",
+}
+put("map", "no_sections.wmap", wmap())
+put(
+    "map",
+    "no_points.wmap",
+    wmap(
+        *[(tag, 0, size, b"") for tag, size in [(b"PNTS", 12), (b"NRML", 12), (b"NODE", 16)]],
+        *[(tag, 0, 4, b"") for tag in [b"AXSX", b"AXSY", b"AXSZ"]],
+        (b"KEYP", 0, 12, b""),
+        (b"DESC", 0, 132, b""),
+        (b"IDXF", 0, 132, bytes(12 * 132)),
+        (b"IDXN", 0, 192, b""),
+        (b"IDXB", 0, 768, b""),
+        (b"IDXO", 0, 64, b""),
+        (b"GAUS", 0, 72, b""),
+        (b"GCEL", 0, 12, b""),
+        (b"GTAB", 0, 4, bytes(4)),
+        (b"META", 0, 1, json.dumps(meta).encode()),
+    ),
+)
+put("map", "nothing.patch", b"patch")
+for section in range(0, 60, 4):
+    patch = struct.pack("<BBHI", section, section % 3, 7 * section, 0x7FC00000)
+    put("map", f"section_{section}.patch", b"patch" + patch)

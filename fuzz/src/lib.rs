@@ -1,4 +1,6 @@
-//! What must hold for any bytes that are read as a cloud or a mesh.
+//! What must hold for any bytes that are read as a cloud, a mesh or a prepared map.
+
+pub mod map;
 
 use winze::Cloud;
 use winze_io::{

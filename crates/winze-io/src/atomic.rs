@@ -8,8 +8,7 @@
 //! files of writes under way are then deleted, and none comes after them.
 
 use std::collections::BTreeSet;
-use std::ffi::OsString;
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -46,6 +45,48 @@ pub fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> io::Result<()>) -
 /// As [`write()`].
 pub fn write_bytes(path: &Path, content: &[u8]) -> Result<()> {
     write(path, |w| w.write_all(content))
+}
+
+/// Deletes the temporary files beside `path` that were left there when processes that wrote to it were killed. Writes
+/// under way, here or elsewhere, are not disturbed: they hold locks on theirs.
+///
+/// Does nothing where files cannot be locked, nor on Windows.
+pub fn remove_abandoned(path: &Path) {
+    let Ok(Target::Name(target)) = follow(path) else {
+        return;
+    };
+    let folder = target.parent().filter(|f| !f.as_os_str().is_empty());
+    let (Some(prefix), Ok(entries)) = (
+        temporary_prefix(&target),
+        fs::read_dir(folder.unwrap_or(Path::new("."))),
+    ) else {
+        return;
+    };
+    let numbers = |rest: &str| rest.chars().all(|c| c.is_ascii_digit() || c == '-');
+    for entry in entries.flatten() {
+        let name = entry.file_name();
+        let rest = name.to_str().and_then(|n| n.strip_prefix(&prefix));
+        if cfg!(unix)
+            && rest.is_some_and(numbers)
+            && entry.file_type().is_ok_and(|t| t.is_file())
+            && let Ok(file) = OpenOptions::new().write(true).open(entry.path())
+            && file.try_lock().is_ok()
+        {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// What the names of temporary files for `target` begin with.
+fn temporary_prefix(target: &Path) -> Option<String> {
+    // Room for the suffix, where the name is about as long as a file system allows.
+    let name: String = target
+        .file_name()?
+        .to_string_lossy()
+        .chars()
+        .take(50)
+        .collect();
+    Some(format!(".{name}.winze-tmp-"))
 }
 
 /// Deletes the temporary files of all writes under way. From then on no write of this process
@@ -143,7 +184,8 @@ impl Writes {
             file.set_permissions(permissions)?;
         }
         file.sync_all()?;
-        drop(file);
+        // Locked until it has its name; Windows does not rename what is open.
+        let _held = cfg!(unix).then_some(file);
         // Unlocked before `temporary` is dropped, which locks again.
         let mut pending = self.pending();
         fs::rename(&temporary.path, target)?;
@@ -154,24 +196,21 @@ impl Writes {
     /// Creates and registers a temporary file in the target's folder, so that renaming it never
     /// crosses file systems.
     fn create_beside(&self, target: &Path) -> io::Result<(Temporary<'_>, File)> {
-        let name = target.file_name().ok_or_else(|| {
+        let prefix = temporary_prefix(target).ok_or_else(|| {
             io::Error::new(
                 io::ErrorKind::InvalidInput,
                 "the path does not end in a file name",
             )
         })?;
-        // Room for the suffix, where the name is about as long as a file system allows.
-        let name: String = name.to_string_lossy().chars().take(50).collect();
         loop {
             let number = COUNTER.fetch_add(1, Ordering::Relaxed);
             let id = std::process::id();
-            let mut temporary = OsString::from(".");
-            temporary.push(&name);
-            temporary.push(format!(".winze-tmp-{id}-{number}"));
-            let path = target.with_file_name(temporary);
+            let path = target.with_file_name(format!("{prefix}{id}-{number}"));
             // Locked until it is registered, so that an interrupt in between leaves nothing behind.
             let mut pending = self.pending();
             match File::create_new(&path) {
+                // Somebody was quicker to lock it, and deletes it for a leftover.
+                Ok(file) if !lock(&file, &path) => {}
                 Ok(file) => {
                     pending.insert(path.clone());
                     return Ok((Temporary { path, writes: self }, file));
@@ -181,6 +220,18 @@ impl Writes {
                 Err(e) => return Err(e),
             }
         }
+    }
+}
+
+/// Locks a temporary file that was just made, for as long as it is open, where that can be done. Whether it is still
+/// there.
+fn lock(file: &File, path: &Path) -> bool {
+    if !cfg!(unix) {
+        return true;
+    }
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => false,
+        _ => path.exists(),
     }
 }
 
@@ -270,6 +321,31 @@ mod tests {
         write(&taken, |_| fs::create_dir(&taken)).unwrap_err();
         write_bytes(&path, b"two").unwrap();
         assert_eq!(names(folder.path()).len(), 2);
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn what_a_killed_process_left_behind_is_deleted_and_nothing_else() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        let others = [".b.txt.winze-tmp-1-2", "a.txt.winze-tmp-1-2"];
+        let left = [".a.txt.winze-tmp-1-2", ".a.txt.winze-tmp-77-0"];
+        for name in others.iter().chain(&left) {
+            fs::write(folder.path().join(name), "half").unwrap();
+        }
+        fs::create_dir(folder.path().join(".a.txt.winze-tmp-5-5")).unwrap();
+        write(&path, |w| {
+            remove_abandoned(&path);
+            let there = names(folder.path());
+            assert!(left.iter().all(|l| !there.contains(&(*l).to_owned())));
+            assert_eq!(there.len(), 4, "its own stays: {there:?}");
+            w.write_all(b"new")
+        })
+        .unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"new");
+        remove_abandoned(&folder.path().join("no/such"));
+        remove_abandoned(Path::new("/"));
+        assert_eq!(names(folder.path()).len(), 4);
     }
 
     #[test]

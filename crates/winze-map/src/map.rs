@@ -62,8 +62,7 @@ impl Map {
             place: "section META 0".to_owned(),
             problem,
         };
-        let meta: Meta =
-            serde_json::from_slice(bytes).map_err(|e| malformed(format!("cannot be read: {e}")))?;
+        let meta = Meta::read(bytes, file.length()).map_err(malformed)?;
         check(&meta).map_err(malformed)?;
         let voxels = meta.levels.iter().map(|l| l.voxel).collect();
         Ok(Self { file, meta, voxels })
@@ -280,6 +279,9 @@ fn check(meta: &Meta) -> std::result::Result<(), String> {
     if !positive(measure.spacing)
         || !positive(measure.budget)
         || measure.width.is_some_and(|w| !positive(w))
+        || measure
+            .width_range
+            .is_some_and(|r| !r.iter().all(|w| positive(*w)))
     {
         return Err("what was measured is no length".into());
     }

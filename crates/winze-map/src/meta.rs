@@ -4,6 +4,8 @@ use serde::{Deserialize, Serialize};
 use winze::Config;
 use winze::scale::Measure;
 
+use crate::error::{Error, Result};
+
 /// What a prepared map is and what it was made of. Lengths in metres; coordinates in the map's frame.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Meta {
@@ -39,6 +41,80 @@ pub struct Meta {
     pub config: Config,
     /// Digest of the settings that shaped it.
     pub config_digest: String,
+}
+
+/// Bytes that a map may take in memory on top of its file's size, to be opened.
+const SLACK: u64 = 1 << 20;
+/// The longest text or number, bytes.
+const LONGEST: usize = 16 << 10;
+/// Characters of a parser's complaint that are passed on.
+const TOLD: usize = 200;
+
+impl Meta {
+    /// Reads what a map of `length` bytes tells of itself.
+    ///
+    /// # Errors
+    /// Says what is wrong, in a few printable words.
+    pub(crate) fn read(text: &[u8], length: u64) -> std::result::Result<Self, String> {
+        if !is_modest(text, length) {
+            return Err("tells of more than a map of this size can hold".into());
+        }
+        serde_json::from_slice(text).map_err(|e| {
+            let told: String = e.to_string().chars().take(TOLD).collect();
+            format!("cannot be read: {}", told.escape_debug())
+        })
+    }
+
+    /// As it is written to a file.
+    ///
+    /// # Errors
+    /// Where it could not be read back from a file of `before` and its own bytes.
+    pub(crate) fn write(&self, before: u64) -> Result<Vec<u8>> {
+        let failed = |e: String| Error::from(winze::Error::Map(e));
+        let text = serde_json::to_vec_pretty(self).map_err(|e| failed(e.to_string()))?;
+        if is_modest(&text, before + text.len() as u64) {
+            return Ok(text);
+        }
+        Err(failed(format!(
+            "{} clouds are too many for so small a map, or a name of theirs or of the CRS is too long; join clouds \
+             first",
+            self.sources.len()
+        )))
+    }
+}
+
+/// Whether reading the JSON `text` takes no more memory than `length` bytes and [`SLACK`], at worst.
+///
+/// A vector takes up to three times its elements while it grows. Each element but a list's first comes after a comma;
+/// those larger than a number begin with a bracket, and none is larger than a source. Texts are kept as
+/// they are, which takes no more than they do here, but are unescaped and complained about in other places, one
+/// at a time.
+fn is_modest(text: &[u8], length: u64) -> bool {
+    const NESTED: u64 = 3 * size_of::<SourceMeta>() as u64;
+    const NUMBER: u64 = 3 * size_of::<u64>() as u64;
+    let mut weight = text.len() as u64;
+    let (mut quoted, mut escaped, mut begun) = (false, false, 0);
+    for (at, byte) in text.iter().enumerate() {
+        if at - begun > LONGEST {
+            return false;
+        }
+        if quoted {
+            let ends = *byte == b'"' && !escaped;
+            escaped = *byte == b'\\' && !escaped;
+            if ends {
+                (quoted, begun) = (false, at);
+            }
+            continue;
+        }
+        weight += match byte {
+            b'[' | b'{' => NESTED,
+            b',' => NUMBER,
+            b'"' | b']' | b'}' | b':' => 0,
+            _ => continue,
+        };
+        (quoted, begun) = (*byte == b'"', at);
+    }
+    weight <= length.saturating_add(SLACK)
 }
 
 /// [`Measure`], to be written down.
@@ -110,4 +186,32 @@ pub struct SourceMeta {
     pub dropped: [u64; 3],
     /// When it was last changed, seconds since 1970.
     pub modified: Option<u64>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_would_take_too_much_memory_is_not_read() {
+        let length = 100_000;
+        assert!(is_modest(br#"{"a": [1, 2, "b, [ \" c"]}"#, 0));
+        let long = |n: usize| format!("[\"{}\", 1]", "x".repeat(n));
+        assert!(is_modest(long(LONGEST - 2).as_bytes(), length));
+        assert!(!is_modest(long(LONGEST + 2).as_bytes(), length));
+        assert!(!is_modest("1".repeat(LONGEST + 2).as_bytes(), length));
+        assert!(!is_modest("[0,".repeat(10_000).as_bytes(), length));
+        assert!(!is_modest("0,".repeat(100_000).as_bytes(), length));
+        // Nothing in a text counts but its length.
+        let text = format!("[{}1]", "\"[,[,[\\\\\",".repeat(10_000));
+        assert!(is_modest(text.as_bytes(), length));
+    }
+
+    #[test]
+    fn what_is_wrong_is_told_in_printable_words() {
+        for text in ["{\"a\n\": 1}", "[", "{\"points\": \"\\u001b[2J\"}"] {
+            let told = Meta::read(text.as_bytes(), 100).unwrap_err();
+            assert!(!told.chars().any(char::is_control), "{told:?}");
+        }
+    }
 }

@@ -1,5 +1,7 @@
 //! Maps built of clouds: the same answers as the clouds give, the same bytes however they are built.
 
+#![allow(clippy::unwrap_used, reason = "a test")]
+
 use std::path::{Path, PathBuf};
 
 use winze::rng::Rng;

@@ -107,6 +107,7 @@ pub fn build(
         scratch: Scratch::new(folder),
         plan: Plan::new(options.progress),
     };
+    winze_io::atomic::remove_abandoned(out);
     let mut made = None;
     container::write(out, |file| {
         made = Some(work.run(clouds, file)?);
@@ -182,8 +183,7 @@ impl Work<'_> {
             config: self.config.clone(),
             config_digest: settings::digest(self.config),
         };
-        let text = serde_json::to_vec_pretty(&meta)
-            .map_err(|e| Error::from(CoreError::Map(e.to_string())))?;
+        let text = meta.write(file.length())?;
         write(file.section(sections::META, 0, &text))?;
         self.plan.finish();
         Ok(meta)

@@ -75,6 +75,12 @@ impl<'w> ContainerWriter<'w> {
         Ok(writer)
     }
 
+    /// Bytes written so far.
+    #[must_use]
+    pub fn length(&self) -> u64 {
+        self.at
+    }
+
     /// Writes a section whose elements are at hand.
     ///
     /// # Errors
