@@ -151,11 +151,12 @@ pub(crate) struct MapBuild {
     /// Replace the file if it is there.
     #[arg(long)]
     pub(crate) force: bool,
-    /// Memory to work in, such as 800M or 4G; half of what is free if not given. What does not fit goes through
-    /// scratch files.
+    /// Memory to work in, such as 800M or 4G; half of what is free if not given. It sets how many points are read at
+    /// a time; what grows with the map lies in scratch files, which the system keeps in memory as far as there is any.
     #[arg(long, value_name = "SIZE", value_parser = bytes)]
     pub(crate) memory: Option<u64>,
-    /// Folder for scratch files (up to 30 bytes a point of the clouds); else that of the map.
+    /// Folder for scratch files (up to 60 bytes a point of the clouds); else that of the map. A compressed PCD is unpacked
+    /// in the system's folder for temporary files.
     #[arg(long, value_name = "DIR")]
     pub(crate) scratch: Option<PathBuf>,
     /// Coordinate reference system of the clouds, kept with the map, such as EPSG:32633.

@@ -1,5 +1,6 @@
 //! `winze locate`: one answer.
 
+use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
@@ -84,7 +85,7 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
     let picture = if drawn {
         map.picture()?
     } else {
-        Cloud::default()
+        Cow::Owned(Cloud::default())
     };
     let answer = Answer {
         map: &picture,

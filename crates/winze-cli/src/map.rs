@@ -11,7 +11,7 @@ use winze_map::{BuildOptions, Map, Meta, Progress as BuildProgress};
 
 use crate::args::{Global, MapBuild, MapCheck, MapInfo, MapVerb};
 use crate::config;
-use crate::output::{check_outputs, print};
+use crate::output::{check_outputs, complain, print};
 use crate::progress::Progress;
 
 /// Where the system does not tell what is free.
@@ -21,7 +21,7 @@ pub(crate) fn run(verb: &MapVerb, global: &Global) -> anyhow::Result<ExitCode> {
     match verb {
         MapVerb::Build(args) => build(args, global)?,
         MapVerb::Info(args) => info(args)?,
-        MapVerb::Check(args) => check(args, global)?,
+        MapVerb::Check(args) => return check(args, global),
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -99,15 +99,27 @@ pub(crate) fn half_of_what_is_free() -> u64 {
         .unwrap_or(MEMORY)
 }
 
-fn check(args: &MapCheck, global: &Global) -> anyhow::Result<()> {
+/// All of them, whatever is wrong with the first.
+fn check(args: &MapCheck, global: &Global) -> anyhow::Result<ExitCode> {
+    let mut code = ExitCode::SUCCESS;
     for file in &args.files {
         let progress = Progress::shared(global.quiet);
-        let map = Map::open(file)?;
-        map.check(&mut |done, all| {
-            #[expect(clippy::cast_precision_loss, reason = "a share")]
-            progress.share("verify", done as f64 / all.max(1) as f64);
-        })?;
+        let checked = Map::open(file).and_then(|map| {
+            map.check(&mut |done, all| {
+                #[expect(clippy::cast_precision_loss, reason = "a share")]
+                progress.share("verify", done as f64 / all.max(1) as f64);
+            })?;
+            Ok(map)
+        });
         progress.finish();
+        let map = match checked {
+            Ok(map) => map,
+            Err(e) => {
+                complain(&e.into());
+                code = ExitCode::from(2);
+                continue;
+            }
+        };
         let unknown = map.unknown_sections().count();
         let mut line = format!(
             "{}: sound: {} sections, {}",
@@ -120,7 +132,7 @@ fn check(args: &MapCheck, global: &Global) -> anyhow::Result<()> {
         }
         print(&(line + "\n"))?;
     }
-    Ok(())
+    Ok(code)
 }
 
 /// What `--json` writes.

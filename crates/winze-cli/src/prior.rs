@@ -1,5 +1,6 @@
 //! The prior map as it was given: a cloud, or one that was prepared beforehand.
 
+use std::borrow::Cow;
 use std::fs::File;
 use std::io::Read as _;
 use std::path::Path;
@@ -93,9 +94,9 @@ impl Prior {
     }
 
     /// Something to draw.
-    pub(crate) fn picture(&self) -> anyhow::Result<Cloud> {
+    pub(crate) fn picture(&self) -> anyhow::Result<Cow<'_, Cloud>> {
         match self {
-            Self::Cloud(file) => Ok(file.cloud.clone()),
+            Self::Cloud(file) => Ok(Cow::Borrowed(&file.cloud)),
             Self::Built(map) => {
                 let surface = map.surface(0)?;
                 let step = surface.points.len().div_ceil(DRAWN).max(1);
@@ -105,7 +106,7 @@ impl Prior {
                     .step_by(step)
                     .map(|p| std::array::from_fn(|a| surface.origin[a] + f64::from(p[a])))
                     .collect();
-                Ok(Cloud::from_points(&points)?.0)
+                Ok(Cow::Owned(Cloud::from_points(&points)?.0))
             }
         }
     }
@@ -113,6 +114,10 @@ impl Prior {
 
 /// Whether a file is, or says that it is, a built map.
 pub(crate) fn is_built(path: &Path) -> bool {
+    // A pipe would lose what is read here.
+    if !std::fs::metadata(path).is_ok_and(|m| m.is_file()) {
+        return false;
+    }
     let mut first = [0; 8];
     let magic = File::open(path).and_then(|mut f| f.read_exact(&mut first));
     let named = path

@@ -1,7 +1,8 @@
 //! What a map tells of itself in words and single numbers: its section `META`, in JSON.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
-use winze::Config;
 use winze::scale::Measure;
 
 use crate::error::{Error, Result};
@@ -37,8 +38,8 @@ pub struct Meta {
     pub levels: Vec<LevelMeta>,
     /// The files it was made of, in order.
     pub sources: Vec<SourceMeta>,
-    /// All settings it was built with. Those that shaped it are named in `docs/map-format.md`.
-    pub config: Config,
+    /// The settings that shaped it, by their dotted keys.
+    pub settings: BTreeMap<String, serde_json::Value>,
     /// Digest of the settings that shaped it.
     pub config_digest: String,
 }

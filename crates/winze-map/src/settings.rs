@@ -1,9 +1,9 @@
 //! Which settings shape a map, and whether two configurations agree on them.
 
+use std::collections::BTreeMap;
+
 use serde_json::Value;
 use winze::Config;
-
-use crate::error::Result;
 
 /// Sections whose settings shape a map, with the ones that concern queries alone or that do.
 const SHAPING: &[(&str, Names)] = &[
@@ -56,19 +56,29 @@ pub(crate) fn digest(config: &Config) -> String {
     winze_io::digest(text.join("\n").as_bytes())
 }
 
+/// Settings by their dotted keys.
+pub(crate) type Built = BTreeMap<String, Value>;
+
 /// Whether a map that was built with `built` can be asked with `asked`.
 ///
 /// # Errors
-/// [`winze::Error::Config`] for the first setting that shaped the map and is another one now.
-pub(crate) fn agree(built: &Config, asked: &Config) -> winze::Result<()> {
-    for ((key, was), (_, is)) in shaping(built).into_iter().zip(shaping(asked)) {
-        if was != is {
+/// [`winze::Error::Config`] for the first setting that shaped the map and is another one now;
+/// [`winze::Error::Map`] for one that this winze does not know.
+pub(crate) fn agree(built: &Built, asked: &Config) -> winze::Result<()> {
+    let defaults: Built = shaping(&Config::default()).into_iter().collect();
+    known(built, &defaults)?;
+    for (key, is) in shaping(asked) {
+        // A map from before there was the setting was built as if it had its default.
+        let Some(was) = built.get(&key).or_else(|| defaults.get(&key)) else {
+            continue;
+        };
+        if *was != is {
             return Err(winze::Error::Config {
                 key,
                 value: shown(&is),
                 rule: format!(
                     "the map was built with {}; leave the setting out, or build a map with it",
-                    shown(&was)
+                    shown(was)
                 ),
             });
         }
@@ -76,17 +86,39 @@ pub(crate) fn agree(built: &Config, asked: &Config) -> winze::Result<()> {
     Ok(())
 }
 
-/// `asked` with the settings that shaped a map taken from `built`.
-pub(crate) fn adopted(built: &Config, asked: &Config) -> Result<Config> {
+/// `asked` with the settings that shaped a map taken from `built`; with `defaults_alone` only those that have their
+/// default in `asked`.
+pub(crate) fn adopted(
+    built: &Built,
+    asked: &Config,
+    defaults_alone: bool,
+) -> winze::Result<Config> {
+    let defaults: Built = shaping(&Config::default()).into_iter().collect();
+    known(built, &defaults)?;
     let mut all = serde_json::to_value(asked).unwrap_or_default();
-    for (key, value) in shaping(built) {
+    for (key, value) in built {
         if let Some((section, name)) = key.split_once('.')
             && let Some(slot) = all.get_mut(section).and_then(|s| s.get_mut(name))
+            && (!defaults_alone || defaults.get(key) == Some(slot))
         {
-            *slot = value;
+            *slot = value.clone();
         }
     }
-    serde_json::from_value(all).map_err(|e| winze::Error::Map(e.to_string()).into())
+    let config: Config =
+        serde_json::from_value(all).map_err(|e| winze::Error::Map(e.to_string()))?;
+    config.validate()?;
+    Ok(config)
+}
+
+/// # Errors
+/// For a setting that is not among `known`.
+fn known(built: &Built, known: &Built) -> winze::Result<()> {
+    match built.keys().find(|key| !known.contains_key(*key)) {
+        Some(key) => Err(winze::Error::Map(format!(
+            "the map was built with a setting {key:?} that this winze does not know; update winze, or build the map again"
+        ))),
+        None => Ok(()),
+    }
 }
 
 fn shown(value: &Value) -> String {
@@ -109,17 +141,34 @@ mod tests {
         asked.icp.max_iterations = 3;
         asked.ndt.max_iterations = 3;
         asked.scale.tries = 1;
-        assert_eq!(agree(&built, &asked), Ok(()));
+        let shaped: Built = shaping(&built).into_iter().collect();
+        assert_eq!(agree(&shaped, &asked), Ok(()));
         assert_eq!(digest(&built), digest(&asked));
         asked.fpfh.radius = winze::config::Length::Voxels(5.0);
-        let told = agree(&built, &asked).unwrap_err().to_string();
+        let told = agree(&shaped, &asked).unwrap_err().to_string();
         assert!(
             told.contains("fpfh.radius = 5 voxels: the map was built with 6 voxels"),
             "{told}"
         );
         assert_ne!(digest(&built), digest(&asked));
-        let adopted = adopted(&asked, &built).unwrap();
-        assert_eq!(agree(&asked, &adopted), Ok(()));
-        assert_eq!(adopted.icp, built.icp);
+        let mut other: Built = shaping(&asked).into_iter().collect();
+        let taken = adopted(&other, &built, false).unwrap();
+        assert_eq!(agree(&other, &taken), Ok(()));
+        assert_eq!(taken.icp, built.icp);
+        // What was asked for is not given up where only defaults are.
+        asked.fpfh.radius = winze::config::Length::Voxels(7.0);
+        assert_eq!(adopted(&other, &built, true).unwrap(), taken);
+        assert!(agree(&other, &adopted(&other, &asked, true).unwrap()).is_err());
+        // A setting that came later had its default; one that is not known yet is told.
+        let mut older = shaped;
+        older.remove("iss.gamma_21");
+        assert_eq!(agree(&older, &built), Ok(()));
+        other.insert("iss.gamma_43".into(), Value::Null);
+        for told in [
+            agree(&other, &built).unwrap_err(),
+            adopted(&other, &built, false).unwrap_err(),
+        ] {
+            assert!(told.to_string().contains("iss.gamma_43"), "{told}");
+        }
     }
 }

@@ -6,8 +6,9 @@
 //! [`KeptQuery`] remember it. The answer is the same, to the bit, as without them. Where the sections change, what was kept is
 //! dropped.
 //!
-//! Memory: the points of a cloud once more in a tree, and for each of the last few voxel sizes the
-//! thinned surface with its normals, tree, descriptors and Gaussians.
+//! Memory: the points of a cloud once more in a tree and, of a map, once more thinned a little (its base); and
+//! for each of the last few voxel sizes the thinned surface with its normals, tree, descriptors, their index,
+//! and Gaussians. A [`PreparedMap`] has all that in its file.
 
 use std::convert::Infallible;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -49,6 +50,8 @@ pub struct KeptMap<'a> {
     base: Option<(f64, Base)>,
     measure: Option<Measure>,
     tree: Option<KdTree<'static>>,
+    /// Of a prepared map.
+    finest: Option<Surface<'a>>,
     sizes: Recent<MapAt<'a>>,
 }
 
@@ -197,6 +200,7 @@ impl<'a> KeptMap<'a> {
             base: None,
             measure: None,
             tree: None,
+            finest: None,
             sizes: Recent::new(most),
         }
     }
@@ -242,7 +246,7 @@ impl<'a> KeptMap<'a> {
         match self.compared() {
             Source::Cloud(cloud) => Ok(of(self.tree(cloud), cloud.origin())),
             Source::Prepared(map) => {
-                let finest = map.surface(0)?;
+                let finest = self.finest(map)?;
                 Ok(of(&finest.tree, finest.origin))
             }
         }
@@ -252,8 +256,17 @@ impl<'a> KeptMap<'a> {
     pub(crate) fn reference(&mut self) -> Result<usize> {
         match self.compared() {
             Source::Cloud(cloud) => Ok(self.tree(cloud).len()),
-            Source::Prepared(map) => Ok(map.surface(0)?.points.len()),
+            Source::Prepared(map) => Ok(self.finest(map)?.points.len()),
         }
+    }
+
+    /// The finest level of a prepared map.
+    fn finest(&mut self, map: &'a dyn PreparedMap) -> Result<&Surface<'a>> {
+        let finest = match self.finest.take() {
+            Some(known) => known,
+            None => map.surface(0)?,
+        };
+        Ok(self.finest.insert(finest))
     }
 
     /// The tree over all points of the map.
@@ -289,7 +302,7 @@ impl<'a> KeptMap<'a> {
                 let voxel = scale::base_voxel(spacing);
                 let base = kept_base(&mut self.base, cloud, voxel, config);
                 let Ok(measure) =
-                    scale::measure_base(&base.points, cloud.origin(), spacing, &Memory);
+                    scale::measure_base((&base.points, voxel), cloud.origin(), spacing, &Memory);
                 self.measure = Some(measure);
                 self.measure
             }

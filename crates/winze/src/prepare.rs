@@ -115,17 +115,17 @@ pub fn prepare(cloud: &Cloud, config: &PrepareConfig, voxel: f64) -> Surface<'st
         origin: cloud.origin(),
         viewpoint: cloud.viewpoint(),
     };
-    let Ok(surface) = if config.denoise_first {
-        let thinned = voxel::downsample(&remove_outliers(cloud, config, voxel), voxel);
-        surface_in(thinned.into_points(), frame, config, voxel, &Memory)
+    let thinned = if config.denoise_first {
+        voxel::downsample(&remove_outliers(cloud, config, voxel), voxel)
     } else {
-        let thinned = voxel::downsample(cloud, voxel);
-        prepare_in(thinned.into_points(), frame, config, voxel, &Memory)
+        voxel::downsample(cloud, voxel)
     };
+    let Ok(surface) = prepare_in(thinned.into_points(), frame, config, voxel, &Memory);
     surface.into_surface()
 }
 
-/// Prepares points that were thinned to `voxel` metres already: outliers out, tree, normals.
+/// Prepares points that were thinned to `voxel` metres already: outliers out (unless they were to go before,
+/// [`PrepareConfig::denoise_first`]), tree, normals.
 ///
 /// # Errors
 /// Where a column cannot be had.
@@ -136,7 +136,8 @@ pub fn prepare_in<C: Columns>(
     voxel: f64,
     columns: &C,
 ) -> Result<SurfaceColumns<C>, C::Error> {
-    if config.statistical_neighbours > 0 {
+    let denoise = !config.denoise_first;
+    if denoise && config.statistical_neighbours > 0 {
         let tree = kdtree::build_in(&points, columns)?;
         let mut keep = columns.zeros::<u8>(points.len())?;
         keep.fill(1);
@@ -145,7 +146,7 @@ pub fn prepare_in<C: Columns>(
         denoise::mark_statistical(&mut keep, &mut distances, &points, &tree.view(), limits);
         points = select(&points, &keep, columns)?;
     }
-    if config.radius_neighbours > 0 {
+    if denoise && config.radius_neighbours > 0 {
         let tree = kdtree::build_in(&points, columns)?;
         let mut keep = columns.zeros::<u8>(points.len())?;
         let limits = (

@@ -1,8 +1,6 @@
 //! A map that was prepared beforehand.
 
-use crate::base::base_of;
-use crate::cloud::Cloud;
-use crate::columns::{Columns, Memory};
+use crate::columns::Columns;
 use crate::config::Config;
 use crate::descriptor_index::DescriptorIndex;
 use crate::error::Result;
@@ -66,17 +64,4 @@ pub fn level_in<C: Columns>(
 ) -> std::result::Result<SurfaceColumns<C>, C::Error> {
     let thinned = voxel::thin(base, Some(weights), frame.origin, voxel, columns)?;
     prepare_in(thinned, frame, &config.prepare, voxel, columns)
-}
-
-/// The surface of a map's `cloud` at a `voxel` size that was asked for, metres.
-#[must_use]
-pub fn prepare_map(cloud: &Cloud, voxel: f64, config: &Config) -> Surface<'static> {
-    let base = base_of(cloud, voxel);
-    let frame = Frame {
-        origin: cloud.origin(),
-        viewpoint: cloud.viewpoint(),
-    };
-    let points = (&base.points[..], &base.weights[..]);
-    let Ok(surface) = level_in(points, frame, voxel, config, &Memory);
-    surface.into_surface()
 }

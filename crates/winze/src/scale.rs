@@ -1,7 +1,8 @@
 //! The length scale, from the data.
 //!
-//! One voxel size must suit the map and the query alike, and everything else is a multiple of it. It
-//! follows from three measurements: how far points lie apart (a voxel must hold a few), how wide the passages
+//! A map is prepared at a few voxel sizes of its own, its [`levels`]; a query takes the one that suits it
+//! ([`choose`]), and everything else is a multiple of that. Sizes
+//! follow from three measurements: how far points lie apart (a voxel must hold a few), how wide the passages
 //! are (descriptors must see a good part of a wall, not all of the mine), and how much surface the query
 //! has (a small patch must still give enough points).
 //!
@@ -11,9 +12,10 @@
 use crate::cloud::Cloud;
 use crate::columns::Columns;
 use crate::eigen3::eigen3;
-use crate::kdtree::KdTree;
+use crate::kdtree::{self, KdTree};
 use crate::normals;
 use crate::parallel;
+use crate::refine::sample;
 use crate::voxel;
 
 /// Steps of the ladder in a factor of two.
@@ -56,23 +58,69 @@ pub fn measure(cloud: &Cloud) -> Option<Measure> {
     Some(of_even(cloud.clone(), spacing, spacing))
 }
 
-/// Measures a map by its base: points thinned to [`base_voxel`] of its raw points' `spacing`.
+/// Measures a map by its base: points thinned to `voxel` metres, which is [`base_voxel`] of its raw points'
+/// `spacing` unless a size was asked for.
 ///
 /// # Errors
 /// Where a column cannot be had.
 pub fn measure_base<C: Columns>(
-    base: &[[f32; 3]],
+    (base, voxel): (&[[f32; 3]], f64),
     origin: [f64; 3],
     spacing: f64,
     columns: &C,
 ) -> Result<Measure, C::Error> {
+    let mut size = 2.0 * voxel;
+    let mut even = voxel::thin(base, None, origin, size, columns)?;
     // Cells of a surface grow fewer as the square of their size: one big step comes near the sample.
     #[expect(clippy::cast_precision_loss, reason = "a count")]
-    let octaves = (libm::log2(base.len() as f64 / SAMPLE as f64) / 2.0 - 1.0).floor();
-    let size = base_voxel(spacing) * libm::exp2(octaves.max(0.0));
-    let even = voxel::thin(base, None, origin, size, columns)?;
-    let even = Cloud::from_offsets(origin, even.to_vec());
-    Ok(of_even(even, size, spacing))
+    let octaves = (libm::log2(even.len() as f64 / SAMPLE as f64) / 2.0 - 1.0).floor();
+    let coarse = size * libm::exp2(octaves.max(0.0));
+    let few = voxel::thin(&even, None, origin, coarse, columns)?;
+    let few = Cloud::from_offsets(origin, few.to_vec());
+    let mut measure = of_even(few, coarse, spacing);
+    // Passages are measured at a size that does not grow with the map. Too fine, the roughness of a wall passes for
+    // another one; too coarse, the search begins behind the other one. Both show as widths about where it begins.
+    (measure.width, measure.width_range) = (None, None);
+    let mut clearest = 0.0;
+    for _ in 0..WIDTH_SIZES {
+        if even.len() < NEIGHBOURS * WALL {
+            break;
+        }
+        let tree = kdtree::build_in(&even, columns)?;
+        let tree = tree.view();
+        let rays = rays(&even, &tree);
+        let across = widths(&tree, &rays, size);
+        let clear = across
+            .get(across.len() / 2)
+            .map_or(0.0, |w| w / first(size));
+        if clear > clearest {
+            clearest = clear;
+            measure = measure.with_widths(&across);
+        }
+        if clear >= CLEAR {
+            break;
+        }
+        size *= 2.0;
+        even = voxel::thin(&even, None, origin, size, columns)?;
+    }
+    Ok(measure)
+}
+
+/// Sizes at which the width of passages is looked for, each twice the one before, at most.
+const WIDTH_SIZES: usize = 5;
+/// A width so many times the distance at which the search begins is believed at once.
+const CLEAR: f64 = 2.0;
+
+impl Measure {
+    /// With what `across`, ascending, tells of passages.
+    fn with_widths(self, across: &[f64]) -> Self {
+        let at = |tenths: usize| across.get(across.len() * tenths / 10).copied();
+        Self {
+            width: at(5),
+            width_range: at(1).zip(at(9)).map(|(a, b)| [a, b]),
+            ..self
+        }
+    }
 }
 
 /// Measures a cloud of points that lie `spacing` apart, given what it becomes when it is thinned to `size`.
@@ -88,15 +136,22 @@ fn of_even(mut even: Cloud, mut size: f64, spacing: f64) -> Measure {
     while voxel::downsample(&even, step(budget, 1)).len() > QUERY_POINTS {
         budget = step(budget, 1);
     }
-    let mut across = widths(even.points(), &normals, size);
-    across.sort_unstable_by(f64::total_cmp);
-    let at = |tenths: usize| across.get(across.len() * tenths / 10).copied();
-    Measure {
+    let stride = even.len().div_ceil(RAYS).max(1);
+    let rays: Vec<Ray> = even
+        .points()
+        .iter()
+        .copied()
+        .zip(normals)
+        .step_by(stride)
+        .collect();
+    let tree = KdTree::build(even.points());
+    let measure = Measure {
         spacing,
-        width: at(5),
-        width_range: at(1).zip(at(9)).map(|(a, b)| [a, b]),
+        width: None,
+        width_range: None,
         budget,
-    }
+    };
+    measure.with_widths(&widths(&tree, &rays, size))
 }
 
 /// A voxel is at least this many point spacings wide where no better one is left.
@@ -192,15 +247,32 @@ fn walls(points: &[[f32; 3]]) -> (Vec<u32>, Vec<[f64; 3]>) {
 /// Points that a wall must show within the cone.
 const WALL: usize = 6;
 
-/// Distances straight across; none where too few points face anything. From points here and there a thin cone is followed both
-/// ways along the normal; the first surface it meets is the opposite wall.
-fn widths(points: &[[f32; 3]], normals: &[[f64; 3]], spacing: f64) -> Vec<f64> {
-    let tree = KdTree::build(points);
-    let stride = points.len().div_ceil(RAYS).max(1);
-    let chosen: Vec<usize> = (0..points.len()).step_by(stride).collect();
-    let first = 6.0 * spacing;
-    let across: Vec<f64> = parallel::map_with(chosen.len(), Vec::new, |found, i| {
-        let (p, n) = (points[chosen[i]], normals[chosen[i]]);
+/// A point of a wall and the direction across it.
+type Ray = ([f32; 3], [f64; 3]);
+
+/// Rays from points here and there, where their neighbourhood is flat.
+fn rays(points: &[[f32; 3]], tree: &KdTree<'_>) -> Vec<Ray> {
+    let chosen = sample(points, 3 * RAYS);
+    let flat = parallel::map_with(chosen.len(), Vec::new, |found, i| {
+        tree.knn(chosen[i], NEIGHBOURS, f32::INFINITY, found);
+        let (covariance, _) = normals::covariance(points, chosen[i], found);
+        let e = eigen3(&covariance);
+        (e.values[0] < FLATNESS * e.values[1]).then_some((chosen[i], e.vectors[0]))
+    });
+    flat.into_iter().flatten().collect()
+}
+
+/// Where the search along a ray begins in points thinned to `size` metres.
+fn first(size: f64) -> f64 {
+    6.0 * size
+}
+
+/// Distances straight across, ascending; none where too few rays meet anything. A thin cone is followed both
+/// ways along each ray; the first surface it meets is the opposite wall.
+fn widths(tree: &KdTree<'_>, rays: &[Ray], spacing: f64) -> Vec<f64> {
+    let first = first(spacing);
+    let mut across: Vec<f64> = parallel::map_with(rays.len(), Vec::new, |found, i| {
+        let (p, n) = rays[i];
         let mut hit = |sign: f64| -> Option<f64> {
             let mut t = first;
             while t < 60.0 * first.max(0.5) {
@@ -226,7 +298,8 @@ fn widths(points: &[[f32; 3]], normals: &[[f64; 3]], spacing: f64) -> Vec<f64> {
     .into_iter()
     .flatten()
     .collect();
-    if across.len() * 3 >= chosen.len() {
+    across.sort_unstable_by(f64::total_cmp);
+    if across.len() * 3 >= rays.len() {
         across
     } else {
         Vec::new()
@@ -331,7 +404,7 @@ mod tests {
         let whole = measure(&c).unwrap();
         let base = crate::base::base_of(&c, base_voxel(whole.spacing));
         let Ok(of_base) = measure_base(
-            &base.points,
+            (&base.points, base_voxel(whole.spacing)),
             c.origin(),
             whole.spacing,
             &crate::columns::Memory,
@@ -339,6 +412,18 @@ mod tests {
         assert!((of_base.width.unwrap() / whole.width.unwrap() - 1.0).abs() < 0.2);
         let [narrow, wide] = of_base.width_range.unwrap();
         assert!(narrow <= of_base.width.unwrap() && wide >= of_base.width.unwrap());
+    }
+
+    #[test]
+    fn a_long_map_s_passages_are_as_wide_as_a_short_one_s() {
+        // Far more of it than the sample that sizes are otherwise taken from.
+        let c = cloud(&drift(600_000, 1_500.0, 0.2, 0.01, 1));
+        let spacing = spacing(c.points()).unwrap();
+        let voxel = base_voxel(spacing);
+        let base = crate::base::base_of(&c, voxel);
+        let points = (&base.points[..], voxel);
+        let Ok(m) = measure_base(points, c.origin(), spacing, &crate::columns::Memory);
+        assert!((2.6..4.6).contains(&m.width.unwrap()), "{m:?}");
     }
 
     #[test]

@@ -97,27 +97,28 @@ impl SpacingSurvey {
     /// Takes the next piece.
     pub fn add(&mut self, points: &[[f32; 3]]) {
         let (chosen, near, reach) = (&self.chosen, &self.near, self.reach);
-        let found: Vec<Vec<(u32, f32)>> = points
+        let found: Vec<Vec<f32>> = points
             .par_chunks(PIECE)
             .map(|piece| {
-                let mut found = Vec::new();
+                let mut found = vec![f32::INFINITY; chosen.len()];
                 for p in piece {
                     for &i in near.get(&cell(*p, reach)).into_iter().flatten() {
                         let q = chosen[i as usize];
                         let d = [p[0] - q[0], p[1] - q[1], p[2] - q[2]];
                         // As the tree rounds it.
                         let d2 = (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2];
-                        if d2 > 0.0 {
-                            found.push((i, d2));
+                        if d2 > 0.0 && d2 < found[i as usize] {
+                            found[i as usize] = d2;
                         }
                     }
                 }
                 found
             })
             .collect();
-        for (i, d2) in found.into_iter().flatten() {
-            let nearest = &mut self.nearest[i as usize];
-            *nearest = nearest.min(d2);
+        for piece in found {
+            for (nearest, d2) in self.nearest.iter_mut().zip(piece) {
+                *nearest = nearest.min(d2);
+            }
         }
     }
 
@@ -143,7 +144,11 @@ fn cell(p: [f32; 3], size: f32) -> [i32; 3] {
         clippy::cast_possible_truncation,
         reason = "saturates, far from its bounds"
     )]
-    p.map(|v| ((v / size).floor() as i32).clamp(i32::MIN + 1, i32::MAX - 1))
+    p.map(|v| {
+        // In 64 bits, lest neighbours end up two cells apart.
+        let at = (f64::from(v) / f64::from(size)).floor() as i32;
+        at.clamp(i32::MIN + 1, i32::MAX - 1)
+    })
 }
 
 #[cfg(test)]

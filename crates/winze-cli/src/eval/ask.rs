@@ -187,7 +187,7 @@ pub(super) fn ask(
         .map(|m| asked.seeds_of(*m).len() * asked.cases.len())
         .sum();
     let progress = Progress::counted(asked.global.quiet, total);
-    let shared = shared_maps(asked, groups, &progress)?;
+    let mut shared = shared_maps(asked, groups, &progress)?;
     let next = AtomicUsize::new(0);
     let found = Mutex::new(Vec::new());
     std::thread::scope(|scope| {
@@ -215,9 +215,13 @@ pub(super) fn ask(
         costs.push(cost);
         errors.extend(trouble);
     }
-    costs.extend(shared.cost);
+    costs.extend(shared.cost.take());
+    workers::remember(None);
     Ok((runs, costs, errors))
 }
+
+/// The name under which the cost of building maps is told.
+const BUILDING: &str = "map build";
 
 /// Maps that several questions share, built once, by the clouds they are made of.
 #[derive(Default)]
@@ -255,10 +259,12 @@ fn shared_maps(
         return Ok(shared);
     }
     let folder = tempfile::tempdir().context("no folder for built maps")?;
-    let mut cost = MethodCost {
-        method: "map build".into(),
+    workers::remember(Some(folder.path()));
+    let earlier = asked.journal.and_then(|j| j.cost(BUILDING)).cloned();
+    let mut cost = earlier.unwrap_or_else(|| MethodCost {
+        method: BUILDING.into(),
         ..MethodCost::default()
-    };
+    });
     for (i, (map, _)) in questions.into_iter().enumerate() {
         progress.say(&format!("build {}", map.display()));
         let begun = Instant::now();
@@ -269,16 +275,20 @@ fn shared_maps(
         };
         match winze_map::build(&[map.to_owned()], &file, config, &options) {
             Ok(meta) => {
-                cost.maps.push(MapCost {
+                let own = MapCost {
                     map: map.display().to_string(),
                     points: usize::try_from(meta.points).unwrap_or(usize::MAX),
                     read_seconds: 0.0,
                     work_seconds: begun.elapsed().as_secs_f64(),
-                });
+                };
+                if let Some(journal) = asked.journal {
+                    journal.map(BUILDING, &own, None)?;
+                }
+                cost.add_maps([own]);
                 shared.files.push((map.to_owned(), file));
             }
-            // Whoever asks the cloud itself is told what is wrong with it, if anything.
-            Err(e) => tracing::info!("{}: not built: {e}", map.display()),
+            // Every method prepares it for itself then, and tells what is wrong with the cloud, if anything.
+            Err(e) => tracing::warn!("{}: not built beforehand: {e}", map.display()),
         }
     }
     shared.cost = Some(cost);

@@ -86,6 +86,11 @@ pub(crate) fn run() -> anyhow::Result<ExitCode> {
             read_seconds: begun.elapsed().as_secs_f64(),
             work_seconds: 0.0,
         };
+        let config = match &map {
+            // What was not asked for otherwise is as the map was built.
+            Prior::Built(map) => map.adopt_defaults(&job.config)?,
+            Prior::Cloud(_) => job.config.clone(),
+        };
         let mut kept = match (&map, &built) {
             (Prior::Cloud(file), Some(built)) => {
                 KeptMap::prepared(built).measured_against(&file.cloud)
@@ -93,7 +98,13 @@ pub(crate) fn run() -> anyhow::Result<ExitCode> {
             _ => map.kept(),
         };
         for case in cases {
-            if let Err(e) = answer(&job, &methods, case, (&map, &mut kept), &mut cost) {
+            if let Err(e) = answer(
+                (&job, &config),
+                &methods,
+                case,
+                (&map, &mut kept),
+                &mut cost,
+            ) {
                 // Nobody listens any more.
                 if crate::output::is_broken_pipe(&e) {
                     return Err(e);
@@ -112,7 +123,7 @@ pub(crate) fn run() -> anyhow::Result<ExitCode> {
 
 /// All methods and seeds on one case.
 fn answer(
-    job: &Job,
+    (job, config): (&Job, &Config),
     methods: &[(Method, &[u64])],
     case: &Case,
     (prior, map): (&Prior, &mut KeptMap<'_>),
@@ -121,7 +132,7 @@ fn answer(
     let truth = case.truth()?;
     let query = read(&case.query)?;
     let ceiling = truth.truth.as_ref().map(|pose| {
-        let metrics = map.inliers(&query.cloud, pose, &job.config.verify)?;
+        let metrics = map.inliers(&query.cloud, pose, &config.verify)?;
         anyhow::Ok(Inliers {
             fraction: metrics.fraction,
             rmse: metrics.rmse,
@@ -142,7 +153,7 @@ fn answer(
             }
             let config = Config {
                 seed,
-                ..job.config.clone()
+                ..config.clone()
             };
             let outcome = match locate_in(map, &mut kept, &config, &request) {
                 Ok(outcome) => outcome,
@@ -208,7 +219,7 @@ fn figure(
     query: &CloudFile,
     outcome: &Outcome,
 ) -> anyhow::Result<()> {
-    let png = winze_report::before_and_after(&map.picture()?, &query.cloud, outcome)?;
+    let png = winze_report::before_and_after(map.picture()?.as_ref(), &query.cloud, outcome)?;
     Ok(atomic::write_bytes(
         &folder.join(figure_name(&case.name)),
         &png,

@@ -2,7 +2,7 @@
 
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::mem;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::{Mutex, PoisonError};
 
@@ -25,6 +25,21 @@ pub(crate) fn stop() {
         let _ = child.wait();
     }
     mem::forget(workers);
+    let folder = FOLDER.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(folder) = &*folder {
+        // Nothing is left to be done about a folder that will not go.
+        let _ = std::fs::remove_dir_all(folder);
+    }
+    mem::forget(folder);
+}
+
+/// A folder that is to go when all is stopped.
+static FOLDER: Mutex<Option<PathBuf>> = Mutex::new(None);
+
+/// For a handler of Ctrl-C: this folder goes, or none.
+pub(super) fn remember(folder: Option<&Path>) {
+    let mut known = FOLDER.lock().unwrap_or_else(PoisonError::into_inner);
+    *known = folder.map(Path::to_owned);
 }
 
 /// Has `job` done and hands on what is said. Where a worker dies over a case, that case is in

@@ -38,8 +38,8 @@ const MIN_POINTS: u64 = 100;
 /// How to build a map.
 #[derive(Clone, Copy)]
 pub struct BuildOptions<'a> {
-    /// Memory to work in, bytes. What does not fit goes through scratch files. The map does not
-    /// depend on it.
+    /// Memory to work in, bytes: it sets how many points are taken at a time. What grows with the map lies in scratch
+    /// files whatever this is. The map does not depend on it.
     pub memory: u64,
     /// Replace a file that is there already.
     pub replace: bool,
@@ -70,8 +70,8 @@ impl Default for BuildOptions<'_> {
 /// Builds a map of all points of `clouds` taken together, which share one frame, and writes it to `out`.
 ///
 /// The file is written under another name beside `out`, synced, and renamed: whenever this ends, `out` is
-/// what it was or the whole new map. The same clouds and settings give the same bytes, at any number of
-/// threads and whatever the memory.
+/// what it was or the whole new map. The same files (their names and dates are told in the map) and settings give the
+/// same bytes, at any number of threads and whatever the memory.
 ///
 /// # Errors
 /// Where a cloud cannot be read, holds too little to make a map of, or the file cannot be written;
@@ -91,11 +91,7 @@ pub fn build(
         }
         .into());
     }
-    if out.exists() && !options.replace {
-        return Err(Error::Exists {
-            file: out.display().to_string(),
-        });
-    }
+    refuse_existing(out, options)?;
     let folder = match (options.scratch, out.parent()) {
         (Some(folder), _) => folder,
         (None, Some(parent)) if !parent.as_os_str().is_empty() => parent,
@@ -111,9 +107,20 @@ pub fn build(
     let mut made = None;
     container::write(out, |file| {
         made = Some(work.run(clouds, file)?);
+        // Somebody else may have put a file there meanwhile.
+        refuse_existing(out, options)?;
         Ok(())
     })?;
     made.ok_or_else(|| CoreError::Map("nothing was written".into()).into())
+}
+
+fn refuse_existing(out: &Path, options: &BuildOptions<'_>) -> Result<()> {
+    if out.exists() && !options.replace {
+        return Err(Error::Exists {
+            file: out.display().to_string(),
+        });
+    }
+    Ok(())
 }
 
 /// What all steps share.
@@ -142,7 +149,7 @@ impl Work<'_> {
             origin: points.origin(),
             viewpoint: points.viewpoint(),
         };
-        let measure = self.measure(&base, frame, spacing)?;
+        let measure = self.measure((&base, voxel), frame, spacing)?;
         let voxels = if asked > 0.0 {
             vec![asked]
         } else {
@@ -156,7 +163,11 @@ impl Work<'_> {
             voxels.first().copied().unwrap_or(voxel),
         )?;
         let noise_patch = noise::PATCH * voxel;
-        let noise_floor = noise::floor(&base.points, noise_patch);
+        // Centroids of wide cells say nothing of how thick walls are.
+        let fine = voxel <= scale::base_voxel(spacing);
+        let noise_floor = fine
+            .then(|| noise::floor(&base.points, noise_patch))
+            .flatten();
         self.plan.levels(base.points.len(), voxel, &voxels);
         let mut levels = Vec::new();
         for (number, voxel) in (0u32..).zip(&voxels) {
@@ -180,7 +191,7 @@ impl Work<'_> {
             base_points: base.points.len() as u64,
             levels,
             sources: sources(&points),
-            config: self.config.clone(),
+            settings: settings::shaping(self.config).into_iter().collect(),
             config_digest: settings::digest(self.config),
         };
         let text = meta.write(file.length())?;
@@ -189,9 +200,10 @@ impl Work<'_> {
         Ok(meta)
     }
 
-    fn measure(&self, base: &Base, frame: Frame, spacing: f64) -> Result<Measure> {
+    fn measure(&self, (base, voxel): (&Base, f64), frame: Frame, spacing: f64) -> Result<Measure> {
         self.plan.step("measure", 0.0);
-        scale::measure_base(&base.points, frame.origin, spacing, &self.scratch)
+        let points = (&base.points[..], voxel);
+        scale::measure_base(points, frame.origin, spacing, &self.scratch)
     }
 
     /// # Errors

@@ -1,6 +1,9 @@
 use super::*;
+use crate::base::base_of;
+use crate::columns::Memory;
+use crate::prepare::Frame;
 use crate::prepare::prepare;
-use crate::prepared::prepare_map;
+use crate::prepared::level_in;
 use crate::test_world::{cloud, drift};
 use crate::verify::gain;
 
@@ -14,6 +17,18 @@ fn pair(seed: u64) -> (Vec<[f64; 3]>, Cloud, Pose) {
         .collect();
     let map = drift(60_000, 30.0, 0.4, 0.01, seed);
     (map, cloud(&part), query_from_map.inverse())
+}
+
+/// The surface of a map's `cloud` at a `voxel` size that was asked for, metres.
+fn prepare_map(cloud: &Cloud, voxel: f64, config: &Config) -> Surface<'static> {
+    let base = base_of(cloud, voxel);
+    let frame = Frame {
+        origin: cloud.origin(),
+        viewpoint: cloud.viewpoint(),
+    };
+    let points = (&base.points[..], &base.weights[..]);
+    let Ok(surface) = level_in(points, frame, voxel, config, &Memory);
+    surface.into_surface()
 }
 
 fn by(map: &Cloud, query: &Cloud, request: &Request<'_>) -> Outcome {
