@@ -10,7 +10,7 @@ use common::{locate, timeless};
 use study::{data, halves, off, random_frame, read, truth};
 use winze::config::{Config, IcpConfig, IcpMetric, Length};
 use winze::prepare::prepare;
-use winze::{Cloud, Pose, Verdict, icp, ndt, scale};
+use winze::{Cloud, Method, Pose, Verdict, icp, ndt, scale};
 
 fn jinchuan() -> String {
     let folder = data().join("jinchuan");
@@ -40,6 +40,39 @@ fn the_drift_is_found_again_three_weeks_later() {
             o["inlier_fraction"]
         );
         assert!(number(&o["inlier_rmse"]) <= 0.15, "{}", o["inlier_rmse"]);
+    }
+}
+
+#[test]
+#[cfg_attr(not(winze_data), ignore = "needs the clouds of WINZE_DATA")]
+fn its_built_map_gives_the_same_pose_by_every_method() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = data().join("jinchuan/map_2025-05-13.pcd");
+    let out = folder.path().join("mine.wmap");
+    let run = common::winze(
+        folder.path(),
+        &format!("map build {} -o {} --quiet", map.display(), out.display()),
+    );
+    assert_eq!(run.code, Some(0), "{}", run.stderr);
+    let query = data().join("jinchuan/query_2025-04-21.pcd");
+    for method in Method::ALL {
+        let of = |map: &std::path::Path| {
+            let args = format!("{} {} --method {method}", map.display(), query.display());
+            locate(folder.path(), &args)
+        };
+        let ((of_cloud, one), (of_map, other)) = (of(&map), of(&out));
+        assert_eq!(one, other, "{method}");
+        for field in [
+            "verdict",
+            "reason",
+            "map_from_query",
+            "hypotheses",
+            "unobservable",
+        ] {
+            assert_eq!(of_cloud[field], of_map[field], "{method}: {field}");
+        }
+        assert!(of_map["map_from_query"].is_array());
+        assert_eq!(of_map["inlier_reference"], "finest level of the built map");
     }
 }
 

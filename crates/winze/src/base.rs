@@ -1,8 +1,8 @@
 //! The base of a map: one point a fine voxel, with how many raw points it stands for.
 //!
 //! All that is prepared of a map is prepared from its base, whatever size the map has and however it
-//! was read. Points come in pieces of any size; each gives a sorted [run](run) of cells, and runs are
-//! [merged](merge). Sums are whole numbers, so neither the pieces nor their order change a bit.
+//! was read. Points come in pieces of any size; each gives a sorted [run()] of cells, and runs are
+//! [merged](merge()). Sums are whole numbers, so neither the pieces nor their order change a bit.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;

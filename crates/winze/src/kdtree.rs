@@ -37,7 +37,7 @@ const MAX_DEPTH: usize = 40;
 ///
 /// `[split, axis, a, b]`. An inner node's left side is `<= split` (the bits of an `f32`) on `axis` (0, 1 or
 /// 2), its right side `>= split`; its left child follows at once, its right one `a` nodes further on. A
-/// leaf ([`LEAF_MARK`]) holds the points `a..b`.
+/// leaf (axis 3) holds the points `a..b`.
 pub type Node = [u32; 4];
 
 const LEAF_MARK: u32 = 3;
