@@ -89,7 +89,7 @@ fn a_map_is_built_told_of_verified_and_asked() {
         "base_points",
         "levels",
         "sources",
-        "config",
+        "settings",
         "config_digest",
         "sections",
     ] {
