@@ -4,7 +4,8 @@
 //! indices to keep, ascending.
 
 use crate::cloud::Cloud;
-use crate::kdtree::KdTree;
+use crate::kdtree::{KdTree, Neighbour};
+use crate::neighbours::{GROUP, Neighbours};
 use crate::parallel;
 
 /// Points whose distance from `centre` (the cloud's frame, metres) lies in `[min, max]`. A bound
@@ -47,7 +48,7 @@ pub fn statistical(
 }
 
 /// As [`statistical`] with its `(neighbours, deviations)`: sets to 0 the marks of the points that go.
-/// `mean_distance` is scratch space, one a point.
+/// `mean_distance` is scratch space, one a point. Quickest where points that follow each other are near each other.
 pub(crate) fn mark_statistical(
     keep: &mut [u8],
     mean_distance: &mut [f64],
@@ -58,31 +59,42 @@ pub(crate) fn mark_statistical(
     if neighbours == 0 || points.len() < 2 {
         return;
     }
-    parallel::fill(mean_distance, Vec::new, |found, i| {
-        // One more than asked: the point finds itself.
-        tree.knn(
-            points[i],
-            neighbours.saturating_add(1),
-            f32::INFINITY,
-            found,
-        );
-        let mut sum = 0.0f64;
-        let mut count = 0.0f64;
-        let mut own = false;
-        for n in found.iter() {
-            if !own && n.index as usize == i {
-                own = true;
-                continue;
+    // One more than asked: the point finds itself, at no distance.
+    let count = neighbours.saturating_add(1).min(tree.len());
+    let mean = |nearest: &[f32]| {
+        let sum: f64 = nearest.iter().map(|d| f64::from(*d).sqrt()).sum();
+        #[expect(clippy::cast_precision_loss, reason = "a count")]
+        let others = (nearest.len().max(2) - 1) as f64;
+        sum / others
+    };
+    parallel::fill_groups(
+        mean_distance,
+        GROUP,
+        Search::default,
+        |search, group| {
+            let mut reach = search.widest;
+            if reach <= 0.0 {
+                tree.knn(points[group.start], count, f32::INFINITY, &mut search.found);
+                reach = search.found.last().map_or(0.0, |n| n.distance_squared);
             }
-            sum += f64::from(n.distance_squared).sqrt();
-            count += 1.0;
-        }
-        if !own && count > neighbours as f64 {
-            // So many duplicates that the point itself was not among them: all at distance 0.
-            return 0.0;
-        }
-        sum / count.max(1.0)
-    });
+            // Its neighbours' neighbours are about as far.
+            let members = points[group].iter().copied();
+            search.near.gather(tree, 1.3 * reach.sqrt(), members);
+            search.widest = 0.0;
+        },
+        |search, i| {
+            if let Some(nearest) = search.near.nearest_of(tree, points[i], count) {
+                let last = nearest.last().copied().unwrap_or_default();
+                search.widest = search.widest.max(last);
+                return mean(nearest);
+            }
+            tree.knn(points[i], count, f32::INFINITY, &mut search.found);
+            search.nearest.clear();
+            let squared = search.found.iter().map(|n| n.distance_squared);
+            search.nearest.extend(squared);
+            mean(&search.nearest)
+        },
+    );
     let mean_distance = &*mean_distance;
     #[expect(clippy::cast_precision_loss, reason = "a count")]
     let n = mean_distance.len() as f64;
@@ -95,6 +107,16 @@ pub(crate) fn mark_statistical(
     for (keep, d) in keep.iter_mut().zip(mean_distance) {
         *keep &= u8::from(*d <= limit);
     }
+}
+
+/// What a thread keeps from point to point.
+#[derive(Default)]
+struct Search {
+    near: Neighbours,
+    /// Of the last group: the largest squared distance of a point to the last of its neighbours.
+    widest: f32,
+    found: Vec<Neighbour>,
+    nearest: Vec<f32>,
 }
 
 /// Radius outlier removal: a point is kept while at least `min_neighbours` others lie within

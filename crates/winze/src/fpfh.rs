@@ -17,6 +17,7 @@ use crate::config::{DescriptorVariant, FpfhConfig};
 use crate::kdtree::{KdTree, Neighbour};
 use crate::neighbours::{GROUP, Neighbours};
 use crate::parallel;
+use crate::simd;
 
 /// Bins of one histogram.
 pub const BINS: usize = 11;
@@ -180,29 +181,19 @@ fn spfh(
     unsigned: bool,
 ) -> Descriptor {
     let mut counts = Counts::default();
-    let (p, n) = (points[i], normals[i]);
-    let mut others = 0u32;
-    if n != [0.0; 3] {
-        let mut batch = Batch::default();
-        let mut held = 0;
-        for j in neighbours.iter().map(|n| n.index as usize) {
-            let (q, m) = (points[j], normals[j]);
-            if j == i || m == [0.0; 3] {
-                continue;
-            }
-            others += 1;
-            for a in 0..3 {
-                batch.line[a][held] = q[a] - p[a];
-                batch.normal[a][held] = m[a];
-            }
-            held += 1;
-            if held == BATCH {
-                batch.count(n, held, unsigned, &mut counts);
-                held = 0;
-            }
-        }
-        batch.count(n, held, unsigned, &mut counts);
+    if normals[i] == [0.0; 3] {
+        return [0.0; DIMENSIONS];
     }
+    let others = simd::wide(
+        #[inline(always)]
+        || {
+            if unsigned {
+                count_pairs::<true>(points, normals, i, neighbours, &mut counts)
+            } else {
+                count_pairs::<false>(points, normals, i, neighbours, &mut counts)
+            }
+        },
+    );
     #[expect(clippy::cast_precision_loss, reason = "counts of neighbours")]
     let scale = 100.0 / others.max(1) as f32;
     #[expect(clippy::cast_precision_loss, reason = "counts of neighbours")]
@@ -210,6 +201,38 @@ fn spfh(
         let (part, bin) = (k / BINS, k % BINS);
         counts.iter().map(|c| c[part][bin]).sum::<u32>() as f32 * scale
     })
+}
+
+/// Counts the pairs of point `i` with those neighbours that have a normal, and tells how many these are.
+#[inline(always)]
+fn count_pairs<const UNSIGNED: bool>(
+    points: &[[f32; 3]],
+    normals: &[[f32; 3]],
+    i: usize,
+    neighbours: &[Neighbour],
+    counts: &mut Counts,
+) -> u32 {
+    let (p, n) = (points[i], normals[i]);
+    let mut batch = Batch::default();
+    let (mut others, mut held) = (0u32, 0);
+    for j in neighbours.iter().map(|n| n.index as usize) {
+        let (q, m) = (points[j], normals[j]);
+        if j == i || m == [0.0; 3] {
+            continue;
+        }
+        others += 1;
+        for a in 0..3 {
+            batch.line[a][held] = q[a] - p[a];
+            batch.normal[a][held] = m[a];
+        }
+        held += 1;
+        if held == BATCH {
+            batch.count::<UNSIGNED>(n, held, counts);
+            held = 0;
+        }
+    }
+    batch.count::<UNSIGNED>(n, held, counts);
+    others
 }
 
 /// Slots of a histogram: its bins, and some that nobody reads.
@@ -231,12 +254,9 @@ struct Batch {
 
 impl Batch {
     /// Counts the first `held` pairs with a point of normal `n` into their bins.
-    fn count(&self, n: [f32; 3], held: usize, unsigned: bool, counts: &mut Counts) {
-        let angles = if unsigned {
-            self.angles::<true>(n)
-        } else {
-            self.angles::<false>(n)
-        };
+    #[inline(always)]
+    fn count<const UNSIGNED: bool>(&self, n: [f32; 3], held: usize, counts: &mut Counts) {
+        let angles = self.angles::<UNSIGNED>(n);
         let bins = [
             bins(&angles.theta, &angles.frame),
             bins(&angles.alpha, &angles.frame),
@@ -259,7 +279,7 @@ impl Batch {
     ///
     /// With u the source's normal, o the other one and d the line, u·u = 1 gives v·o = det(d, u, o) / |d × u|,
     /// w·o = (d·o − (u·d)(u·o)) / |d × u| and |d × u|² = |d|² − (u·d)², so that no frame need be built.
-    #[inline]
+    #[inline(always)]
     fn angles<const UNSIGNED: bool>(&self, n: [f32; 3]) -> Angles {
         let mut out = Angles::default();
         for k in 0..BATCH {
@@ -313,7 +333,7 @@ struct Angles {
 }
 
 /// The bins of values scaled to `[0, 1]`; one that nobody reads for pairs without a frame.
-#[inline]
+#[inline(always)]
 fn bins(unit: &[f32; BATCH], frame: &[f32; BATCH]) -> [u32; BATCH] {
     /// Added to a number from 0 to 15, it leaves the number, rounded, in the lowest bits.
     const SHIFT: f32 = 12_582_912.0;
@@ -336,7 +356,7 @@ fn bins(unit: &[f32; BATCH], frame: &[f32; BATCH]) -> [u32; BATCH] {
 
 /// The angle of `(x, y)` to within 2·10⁻⁶ rad, far finer than a bin: a polynomial for the arc tangent on
 /// `[0, 1]` (Abramowitz & Stegun 4.4.49), folded over the eight octants.
-#[inline]
+#[inline(always)]
 fn atan2(y: f32, x: f32) -> f32 {
     use std::f32::consts::{FRAC_PI_2, PI};
     let (ax, ay) = (x.abs(), y.abs());
@@ -360,10 +380,12 @@ fn atan2(y: f32, x: f32) -> f32 {
     if y < 0.0 { -angle } else { angle }
 }
 
+#[inline(always)]
 fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
+#[inline(always)]
 fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [
         a[1] * b[2] - a[2] * b[1],

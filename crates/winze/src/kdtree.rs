@@ -186,6 +186,16 @@ impl<'a> KdTree<'a> {
         self.order[place]
     }
 
+    /// Adds the original indices of the points at places in leaf order.
+    pub(crate) fn names(&self, places: std::ops::Range<usize>, to: &mut Vec<u32>) {
+        if self.order.is_empty() {
+            #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 points")]
+            to.extend(places.start as u32..places.end as u32);
+        } else {
+            to.extend_from_slice(&self.order[places]);
+        }
+    }
+
     /// Original indices in leaf order: neighbours in space are near each other in this list, so
     /// points stored in this order are found in cache. Empty where they are 0, 1, 2, ...
     #[must_use]
@@ -340,13 +350,12 @@ impl<'a> KdTree<'a> {
                 let (axis, split) = (axis as usize, f32::from_bits(split));
                 // To the right side by as much as the box ends before the split, to the left by as much as it
                 // begins behind it.
-                let mut right = cut;
-                right[axis] = right[axis].max(split - high[axis]);
+                let right = with(cut, axis, |c| c.max(split - high[axis]));
                 if top < MAX_DEPTH {
                     stack[top] = (at + a, right);
                     top += 1;
                 }
-                cut[axis] = cut[axis].max(low[axis] - split);
+                cut = with(cut, axis, |c| c.max(low[axis] - split));
                 at += 1;
             }
         }
@@ -365,7 +374,7 @@ impl<'a> KdTree<'a> {
         let mut top = 1;
         while top > 0 {
             top -= 1;
-            let (mut at, mut cut) = stack[top];
+            let (mut at, cut) = stack[top];
             if squared(cut) > limit {
                 continue;
             }
@@ -393,18 +402,22 @@ impl<'a> KdTree<'a> {
                 } else {
                     (at + a, at + 1)
                 };
-                let near_cut = cut;
-                cut[axis] = offset;
+                let far_cut = with(cut, axis, |_| offset);
                 // Never deeper than the tree: one far child waits a level.
-                if squared(cut) <= limit && top < MAX_DEPTH {
-                    stack[top] = (far, cut);
+                if squared(far_cut) <= limit && top < MAX_DEPTH {
+                    stack[top] = (far, far_cut);
                     top += 1;
                 }
-                cut = near_cut;
                 at = near;
             }
         }
     }
+}
+
+/// `cut` changed along one axis, without a detour through memory, which a store at a variable place would be.
+#[inline(always)]
+fn with(cut: [f32; 3], axis: usize, change: impl Fn(f32) -> f32) -> [f32; 3] {
+    std::array::from_fn(|a| if a == axis { change(cut[a]) } else { cut[a] })
 }
 
 /// The order of operations matters: branch bounds and point distances must round alike.

@@ -95,6 +95,7 @@ pub mod refine;
 mod request;
 pub mod rng;
 pub mod scale;
+mod simd;
 pub mod solve;
 pub mod spacing;
 mod symmetric;

@@ -3,10 +3,15 @@
 //! Points that follow each other in memory are near each other, so they share most of what a search from the
 //! root would find: a tree is walked once for a group of them, and each then picks its own from what was found.
 
+use std::ops::Range;
+
 use crate::kdtree::{KdTree, Neighbour};
+use crate::simd;
 
 /// Points that share a walk through the tree.
 pub(crate) const GROUP: usize = 16;
+/// Places that are looked at together.
+const BLOCK: usize = 16;
 /// A group wider than this many radii is no group: its points are looked up one by one.
 const WIDEST: f32 = 2.0;
 
@@ -47,12 +52,22 @@ impl Neighbours {
         self.axes.iter_mut().for_each(Vec::clear);
         self.names.clear();
         let (_, axes) = tree.parts();
-        tree.leaves_near(low, high, self.limit, |range| {
+        let mut take = |range: Range<usize>| {
             for (own, axis) in self.axes.iter_mut().zip(axes) {
                 own.extend_from_slice(&axis[range.clone()]);
             }
-            self.names.extend(range.map(|place| tree.name(place)));
+            tree.names(range, &mut self.names);
+        };
+        // Leaves that follow each other are copied together.
+        let mut run = 0..0;
+        tree.leaves_near(low, high, self.limit, |range| {
+            if range.start == run.end {
+                run.end = range.end;
+            } else {
+                take(std::mem::replace(&mut run, range));
+            }
         });
+        take(run);
     }
 
     /// The neighbours of `q`, one of the group's members, in the tree's leaf order, itself among them.
@@ -60,29 +75,79 @@ impl Neighbours {
         if !self.shared {
             self.collect(tree, q, q);
         }
-        let [xs, ys, zs] = &self.axes;
-        self.squared.clear();
-        self.squared
-            .extend(xs.iter().zip(ys).zip(zs).map(|((x, y), z)| {
-                let d = [x - q[0], y - q[1], z - q[2]];
-                // As the tree rounds it.
-                (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
-            }));
-        // Written whether it belongs or not: that is quicker than asking first.
         let none = Neighbour {
             index: 0,
             distance_squared: 0.0,
         };
         self.found.resize(self.names.len(), none);
-        let mut count = 0;
-        for (&index, &distance_squared) in self.names.iter().zip(&self.squared) {
-            self.found[count] = Neighbour {
-                index,
-                distance_squared,
-            };
-            count += usize::from(distance_squared <= self.limit);
-        }
+        self.squared.resize(self.names.len(), 0.0);
+        let (found, limit) = (&mut self.found[..], self.limit);
+        let (axes, names, squared) = (&self.axes, &self.names[..], &mut self.squared[..]);
+        let count = simd::wide(
+            #[inline(always)]
+            || {
+                distances(axes, q, squared);
+                let mut count = 0;
+                for (names, squared) in names.chunks(BLOCK).zip(squared.chunks(BLOCK)) {
+                    // Most blocks lie wholly outside.
+                    let within: u32 = squared.iter().map(|d| u32::from(*d <= limit)).sum();
+                    if within == 0 {
+                        continue;
+                    }
+                    // Written whether it belongs or not: that is quicker than asking first.
+                    for (&index, &distance_squared) in names.iter().zip(squared) {
+                        found[count] = Neighbour {
+                            index,
+                            distance_squared,
+                        };
+                        count += usize::from(distance_squared <= limit);
+                    }
+                }
+                count
+            },
+        );
         &self.found[..count]
+    }
+
+    /// The squared distances of the `count` nearest to `q`, one of the group's members, itself among them, in no
+    /// order but for the last, which is the largest; or `None` where fewer lie within the radius.
+    pub(crate) fn nearest_of(
+        &mut self,
+        tree: &KdTree<'_>,
+        q: [f32; 3],
+        count: usize,
+    ) -> Option<&[f32]> {
+        if !self.shared {
+            self.collect(tree, q, q);
+        }
+        self.squared.resize(self.names.len(), 0.0);
+        let (axes, squared, limit) = (&self.axes, &mut self.squared[..], self.limit);
+        let within = simd::wide(
+            #[inline(always)]
+            || {
+                distances(axes, q, squared);
+                let mut within = 0;
+                for k in 0..squared.len() {
+                    let d = squared[k];
+                    squared[within] = d;
+                    within += usize::from(d <= limit);
+                }
+                within
+            },
+        );
+        let squared = &mut squared[..within];
+        let last = count.checked_sub(1).filter(|_| count <= within)?;
+        squared.select_nth_unstable_by(last, f32::total_cmp);
+        Some(&squared[..count])
+    }
+}
+
+/// The squared distance of each place from `q`, as the tree rounds it.
+#[inline(always)]
+fn distances([xs, ys, zs]: &[Vec<f32>; 3], q: [f32; 3], squared: &mut [f32]) {
+    for (((out, x), y), z) in squared.iter_mut().zip(xs).zip(ys).zip(zs) {
+        let d = [x - q[0], y - q[1], z - q[2]];
+        *out = (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2];
     }
 }
 
@@ -120,6 +185,34 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn the_nearest_of_a_group_are_those_of_the_tree() {
+        let s = surface(&drift(20_000, 12.0, 0.3, 0.0, 1), 0.2);
+        let mut near = Neighbours::default();
+        let mut expected = Vec::new();
+        for group in s.points.chunks(GROUP).step_by(40) {
+            near.gather(&s.tree, 0.6, group.iter().copied());
+            for p in group {
+                for count in [1, 9, 20] {
+                    s.tree.knn(*p, count, f32::INFINITY, &mut expected);
+                    let mut expected: Vec<f32> =
+                        expected.iter().map(|n| n.distance_squared).collect();
+                    expected.retain(|d| *d <= 0.6 * 0.6);
+                    match near.nearest_of(&s.tree, *p, count) {
+                        Some(found) => {
+                            assert_eq!(found.last(), expected.last());
+                            let mut found = found.to_vec();
+                            found.sort_unstable_by(f32::total_cmp);
+                            assert_eq!(found, expected);
+                        }
+                        None => assert!(expected.len() < count),
+                    }
+                }
+            }
+        }
+        assert!(near.nearest_of(&s.tree, s.points[0], 0).is_none());
     }
 
     #[test]

@@ -139,11 +139,13 @@ pub fn prepare_in<C: Columns>(
     let denoise = !config.denoise_first;
     if denoise && config.statistical_neighbours > 0 {
         let tree = kdtree::build_in(&points, columns)?;
+        points = in_leaf_order(&points, &tree, columns)?;
+        let tree = tree.view().with_points_in_leaf_order();
         let mut keep = columns.zeros::<u8>(points.len())?;
         keep.fill(1);
         let mut distances = columns.zeros(points.len())?;
         let limits = (config.statistical_neighbours, config.statistical_deviations);
-        denoise::mark_statistical(&mut keep, &mut distances, &points, &tree.view(), limits);
+        denoise::mark_statistical(&mut keep, &mut distances, &points, &tree, limits);
         points = select(&points, &keep, columns)?;
     }
     if denoise && config.radius_neighbours > 0 {
@@ -157,6 +159,19 @@ pub fn prepare_in<C: Columns>(
         points = select(&points, &keep, columns)?;
     }
     surface_in(points, frame, config, voxel, columns)
+}
+
+/// The points of a tree over them, in the order of its leaves.
+fn in_leaf_order<C: Columns>(
+    points: &[[f32; 3]],
+    tree: &TreeColumns<C>,
+    columns: &C,
+) -> Result<C::Column<[f32; 3]>, C::Error> {
+    let mut out = columns.zeros::<[f32; 3]>(tree.order.len())?;
+    out.par_iter_mut()
+        .zip(tree.order.par_iter())
+        .for_each(|(place, &i)| *place = points[i as usize]);
+    Ok(out)
 }
 
 /// The points that are marked, in order.
@@ -182,11 +197,7 @@ fn surface_in<C: Columns>(
     columns: &C,
 ) -> Result<SurfaceColumns<C>, C::Error> {
     let tree = kdtree::build_in(&thinned, columns)?;
-    let mut points = columns.zeros::<[f32; 3]>(tree.order.len())?;
-    points
-        .par_iter_mut()
-        .zip(tree.order.par_iter())
-        .for_each(|(place, &i)| *place = thinned[i as usize]);
+    let points = in_leaf_order(&thinned, &tree, columns)?;
     let around = Neighbourhood {
         radius: config.normal_radius.metres(voxel),
         least: config.normal_least,
