@@ -1,7 +1,7 @@
 //! What building a prepared map costs, and opening and asking it, against the number of raw points.
 //!
 //! Maps are simulated mines of any size, and so are the queries, which lie where all of the maps begin: only the map
-//! differs. Needs no data, but some room: 12 bytes a raw point for the cloud, up to 30 for scratch
+//! differs. Needs no data, but some room: 12 bytes a raw point for the cloud, up to 60 for scratch
 //! files, and the map. Reads `/proc`, so it runs on Linux.
 //!
 //! ```sh

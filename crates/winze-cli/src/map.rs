@@ -64,14 +64,14 @@ fn build(args: &MapBuild, global: &Global) -> anyhow::Result<()> {
         if non_finite + far > 0 {
             tracing::warn!(
                 "{}: of {} points {non_finite} are not finite and {far} lie far from the rest; they were dropped",
-                source.name,
+                source.name.escape_debug(),
                 source.points
             );
         }
         if no_returns > 0 {
             tracing::warn!(
                 "{}: {no_returns} points at exactly (0, 0, 0) were taken for beams without a return and dropped",
-                source.name
+                source.name.escape_debug()
             );
         }
     }
@@ -89,14 +89,22 @@ fn build(args: &MapBuild, global: &Global) -> anyhow::Result<()> {
 
 /// As Linux tells it; half of it, since others want memory too.
 pub(crate) fn half_of_what_is_free() -> u64 {
-    std::fs::read_to_string("/proc/meminfo")
+    let free = std::fs::read_to_string("/proc/meminfo")
         .ok()
         .and_then(|text| {
             let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
             let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-            Some(kib * 1024 / 2)
-        })
-        .unwrap_or(MEMORY)
+            Some(kib * 1024)
+        });
+    // A container may have less than the machine.
+    let number = |path: &str| -> Option<u64> {
+        let text = std::fs::read_to_string(path).ok()?;
+        text.trim().parse().ok()
+    };
+    let allowed = number("/sys/fs/cgroup/memory.max")
+        .map(|most| most.saturating_sub(number("/sys/fs/cgroup/memory.current").unwrap_or(0)));
+    let least = free.into_iter().chain(allowed).min();
+    least.map_or(MEMORY, |bytes| bytes / 2)
 }
 
 /// All of them, whatever is wrong with the first.
@@ -212,7 +220,12 @@ fn words(path: &Path, map: &Map, full: bool) -> String {
     if m.origin != [0.0; 3] {
         line("origin", corner(m.origin));
     }
-    line("CRS", m.crs.clone().unwrap_or_else(|| "not known".into()));
+    // Texts of a file are somebody's, and may hold what a terminal obeys.
+    let printable = |text: &str| text.escape_debug().to_string();
+    line(
+        "CRS",
+        m.crs.as_deref().map_or("not known".into(), printable),
+    );
     line(
         "spacing",
         format!(
@@ -269,14 +282,14 @@ fn words(path: &Path, map: &Map, full: bool) -> String {
             "source",
             format!(
                 "{}: {}, {} points, {}{when}",
-                source.name,
-                source.format,
+                printable(&source.name),
+                printable(&source.format),
                 grouped(source.points),
                 size(source.bytes)
             ),
         );
         if full {
-            line("", source.digest.clone());
+            line("", printable(&source.digest));
         }
     }
     if full {
@@ -285,8 +298,8 @@ fn words(path: &Path, map: &Map, full: bool) -> String {
             .ok()
             .and_then(|t| t.duration_since(UNIX_EPOCH).ok());
         let when = built.map_or_else(String::new, |t| format!(" on {}", date(t.as_secs())));
-        line("built", format!("by winze {}{when}", m.winze));
-        line("settings", m.config_digest.clone());
+        line("built", format!("by winze {}{when}", printable(&m.winze)));
+        line("settings", printable(&m.config_digest));
         line("digest", map.digest());
         let unknown: Vec<_> = map.unknown_sections().map(|e| e.id).collect();
         for e in map.sections() {

@@ -247,6 +247,42 @@ mod tests {
         assert_eq!(base.weights.iter().sum::<u32>(), 5_000);
     }
 
+    /// A hundred kilometres of points, and cells of a billion.
+    #[test]
+    fn keys_and_counts_hold_for_what_is_wide_and_what_is_dense() {
+        let ends: Vec<[f32; 3]> = [-50_000.0f32, -49_999.9, 0.0, 49_999.9, 50_000.0]
+            .iter()
+            .flat_map(|x| [[*x, -*x, 0.5], [-*x, *x, -0.5], [*x, *x, 900.0]])
+            .collect();
+        let cells = run(&ends, [431_000.0, 5_600_000.0, 300.0], 0.05);
+        assert!(cells.is_sorted());
+        assert_eq!(cells.len(), 15);
+        let to = BasePoints::new([431_000.0, 5_600_000.0, 300.0], 0.05);
+        for p in &ends {
+            let near = |c: &&Cell| {
+                let (q, _) = to.point(c);
+                (0..3).all(|a| (q[a] - p[a]).abs() <= 0.05)
+            };
+            assert!(cells.iter().any(|c| near(&c)), "{p:?}");
+        }
+        let half = STEPS as u64 / 2;
+        let billion = |n: u64| -> Cell {
+            let [high, low] = pack([7, -3, 0], n as u32);
+            [high, low, n * half, n * half, n * half]
+        };
+        let mut merged = Vec::new();
+        let runs: Vec<_> = (0..3)
+            .map(|_| vec![Ok::<_, Infallible>(billion(1_000_000_000))].into_iter())
+            .collect();
+        let Ok(()) = merge(runs, |cell| {
+            merged.push(cell);
+            Ok(())
+        });
+        let (point, weight) = BasePoints::new([0.0; 3], 2.0).point(&merged[0]);
+        assert_eq!((merged.len(), weight), (1, 3_000_000_000));
+        assert_eq!(point, [15.0, -5.0, 1.0]);
+    }
+
     #[test]
     fn no_points_no_base() {
         assert!(run(&[], [0.0; 3], 0.1).is_empty());

@@ -79,7 +79,9 @@ pub(crate) fn mark_statistical(
             }
             // Its neighbours' neighbours are about as far.
             let members = points[group].iter().copied();
-            search.near.gather(tree, 1.3 * reach.sqrt(), members);
+            let most = MOST.max(8 * count);
+            let reach = 1.3 * reach.sqrt();
+            search.near.gather_up_to(most, tree, reach, members);
             search.widest = 0.0;
         },
         |search, i| {
@@ -108,6 +110,9 @@ pub(crate) fn mark_statistical(
         *keep &= u8::from(*d <= limit);
     }
 }
+
+/// Points that a group looks at together, at most: where more lie near, as within a stray's reach, each is looked up alone.
+const MOST: usize = 4096;
 
 /// What a thread keeps from point to point.
 #[derive(Default)]
@@ -181,6 +186,39 @@ mod tests {
         let expected: Vec<u32> = (0..400).collect();
         assert_eq!(statistical(&points, &tree, 8, 3.0), expected);
         assert_eq!(radius(&points, &tree, 0.25, 3), expected);
+    }
+
+    /// Strays, whose reach holds the whole cloud, and points in any order: the figure is that of the tree's own search.
+    #[test]
+    fn strays_far_out_change_nothing_for_the_others() {
+        let mut points: Vec<[f32; 3]> = crate::test_world::drift(9_000, 12.0, 0.2, 0.01, 1)
+            .iter()
+            .map(|p| p.map(|v| v as f32))
+            .collect();
+        for i in 0..40 {
+            points.insert(
+                200 * i,
+                [1_000.0 + 200.0 * i as f32, 70.0 * i as f32, -500.0],
+            );
+        }
+        let tree = KdTree::build(&points);
+        let mut mean = vec![0.0; points.len()];
+        mark_statistical(
+            &mut vec![1; points.len()],
+            &mut mean,
+            &points,
+            &tree,
+            (12, 3.0),
+        );
+        let mut found = Vec::new();
+        for (p, mean) in points.iter().zip(mean) {
+            tree.knn(*p, 13, f32::INFINITY, &mut found);
+            let sum: f64 = found
+                .iter()
+                .map(|n| f64::from(n.distance_squared).sqrt())
+                .sum();
+            assert_eq!(mean, sum / 12.0);
+        }
     }
 
     #[test]

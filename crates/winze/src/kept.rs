@@ -89,8 +89,8 @@ pub(crate) struct MapAt<'a> {
 pub(crate) struct QueryAt {
     pub(crate) surface: Surface<'static>,
     features: Option<Features<'static>>,
-    /// With the mark of the map they lead to.
-    correspondences: Option<(Arc<()>, Vec<Correspondence>)>,
+    /// With the mark of the map they lead to, and how they were matched.
+    correspondences: Vec<(Arc<()>, MatchingConfig, Vec<Correspondence>)>,
     pub(crate) refinements: Refinements,
 }
 
@@ -186,9 +186,9 @@ impl<'a> KeptMap<'a> {
         self
     }
 
-    /// For a single question: one voxel size at a time.
+    /// For a single question: one voxel size and the finest one at a time.
     pub(crate) fn once(map: &'a Cloud) -> Self {
-        Self::keeping(Source::Cloud(map), 1)
+        Self::keeping(Source::Cloud(map), 2)
     }
 
     fn keeping(source: Source<'a>, most: usize) -> Self {
@@ -380,9 +380,9 @@ impl<'a> KeptQuery<'a> {
         Self::keeping(query, MOST_SIZES)
     }
 
-    /// For a single question: one voxel size at a time.
+    /// For a single question: one voxel size and the finest one at a time.
     pub(crate) fn once(query: &'a Cloud) -> Self {
-        Self::keeping(query, 1)
+        Self::keeping(query, 2)
     }
 
     fn keeping(cloud: &'a Cloud, most: usize) -> Self {
@@ -432,7 +432,7 @@ impl<'a> KeptQuery<'a> {
         self.sizes.at(voxel, || QueryAt {
             surface: prepare(limited, &config.prepare, voxel),
             features: None,
-            correspondences: None,
+            correspondences: Vec::new(),
             refinements: Refinements::default(),
         })
     }
@@ -454,6 +454,11 @@ impl<'a> MapAt<'a> {
             }
         };
         Ok(self.features.insert(features))
+    }
+
+    /// Its features, where they were asked for.
+    pub(crate) fn described(&self) -> Option<&Features<'a>> {
+        self.features.as_ref().map(|(features, _)| features)
     }
 
     /// The Gaussians of NDT, coarse to fine, and the surface they were made of.
@@ -483,34 +488,33 @@ impl QueryAt {
             .get_or_insert_with(|| describe(&self.surface, config))
     }
 
+    /// Its features, where they were asked for.
+    pub(crate) fn described(&self) -> Option<&Features<'static>> {
+        self.features.as_ref()
+    }
+
     /// The matches of this query's descriptors among the map's.
     pub(crate) fn matches(
         &mut self,
         map: &mut MapAt<'_>,
         config: &Config,
+        matching: &MatchingConfig,
     ) -> Result<&[Correspondence]> {
-        let known = self
-            .correspondences
-            .take()
-            .filter(|(mark, _)| Arc::ptr_eq(mark, &map.mark));
-        let known = match known {
-            Some(known) => known,
+        let known = &mut self.correspondences;
+        known.retain(|(mark, ..)| Arc::ptr_eq(mark, &map.mark));
+        let at = match known.iter().position(|(_, how, _)| how == matching) {
+            Some(at) => at,
             None => {
                 let own = self
                     .features
                     .get_or_insert_with(|| describe(&self.surface, config));
                 let (features, index) = map.describe(config)?;
-                let found = match_indexed(
-                    &own.descriptors,
-                    &features.descriptors,
-                    index,
-                    &config.matching,
-                );
-                (Arc::clone(&map.mark), found)
+                let found = match_indexed(&own.descriptors, &features.descriptors, index, matching);
+                known.push((Arc::clone(&map.mark), matching.clone(), found));
+                known.len() - 1
             }
         };
-        let (_, found) = self.correspondences.insert(known);
-        Ok(found)
+        Ok(&known[at].2)
     }
 }
 

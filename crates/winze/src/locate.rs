@@ -11,7 +11,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use crate::cloud::Cloud;
-use crate::config::{Config, IcpConfig, IcpMetric, Length, VerifyConfig};
+use crate::config::{Config, IcpConfig, IcpMetric, MatchingConfig, VerifyConfig};
 use crate::error::{Error, Result};
 use crate::features::Features;
 use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt, Refiner};
@@ -22,10 +22,11 @@ use crate::outcome::{Outcome, RankedHypothesis, Stage, Verdict};
 use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::refine::{Refined, StopReason, keep_better};
+use crate::region::Region;
 use crate::verify::{
-    Candidate, Judgement, fit, insufficient, judge, judge_against, rank, same_place,
+    Candidate, Judgement, ask_relief, fit, insufficient, judge, judge_against, rank, same_place,
 };
-use crate::{icp, ndt, ransac, scale};
+use crate::{graph, icp, ndt, ransac, scale};
 
 pub use crate::request::{GRAVITY_TOLERANCE, Near, Progress, Request};
 
@@ -82,23 +83,11 @@ pub fn locate_in(
     map.settle(config)?;
     query.settle(config);
     let sizes = run.sizes(map, query).ok_or(Error::EmptyMap { points: 1 })?;
-    let mut best: Option<Attempt> = None;
-    for &voxel in &sizes {
-        // A coarser voxel than the first must not make the judge more lenient.
-        let strictest = sizes.first().copied().unwrap_or(voxel).min(voxel);
-        let verify = VerifyConfig {
-            fine_tolerance: Length::Metres(config.verify.fine_tolerance.metres(strictest)),
-            ..config.verify.clone()
-        };
-        let attempt = run.attempt(map, query, voxel, &verify)?;
-        let settled = attempt.is_settled();
-        if best.as_ref().is_none_or(|b| attempt.better_than(b)) {
-            best = Some(attempt);
-        }
-        if settled {
-            break;
-        }
-    }
+    let best = match sizes.first() {
+        None => None,
+        Some(_) if request.method == Method::Auto => Some(run.search(map, query, &sizes)?),
+        Some(&voxel) => Some(run.attempt(map, query, voxel)?),
+    };
     let best = best.unwrap_or_else(|| {
         let usable = query.limited(config).len();
         let reason = format!(
@@ -109,103 +98,31 @@ pub fn locate_in(
                 ""
             }
         );
-        Attempt::without_pose(0.0, Verdict::Insufficient, reason)
+        Attempt::refused(0.0, Judgement::refused(Verdict::Insufficient, reason))
     });
     run.outcome(map, query.cloud(), best)
 }
 
 /// What one voxel size gave.
-struct Attempt {
-    voxel: f64,
-    judgement: Judgement,
-    ranked: Vec<Candidate>,
+pub(crate) struct Attempt {
+    pub(crate) voxel: f64,
+    pub(crate) judgement: Judgement,
+    pub(crate) ranked: Vec<Candidate>,
 }
 
 impl Attempt {
-    fn without_pose(voxel: f64, verdict: Verdict, reason: String) -> Self {
+    pub(crate) fn refused(voxel: f64, judgement: Judgement) -> Self {
         Self {
             voxel,
-            judgement: Judgement::refused(verdict, reason),
+            judgement,
             ranked: Vec::new(),
         }
     }
-
-    /// There is no need to look at another scale.
-    fn is_settled(&self) -> bool {
-        !matches!(
-            self.judgement.verdict,
-            Verdict::NotFound | Verdict::Insufficient
-        )
-    }
-
-    fn better_than(&self, other: &Self) -> bool {
-        let key = |a: &Self| {
-            (
-                a.is_settled(),
-                a.ranked.first().map_or(-1.0, |c| c.fit.fitness),
-            )
-        };
-        key(self) > key(other)
-    }
 }
 
-/// Where the query can be.
-#[derive(Clone, Copy)]
-struct Region {
-    near: Near,
-    /// From the ball's centre, metres.
-    reach: f64,
-}
-
-impl Region {
-    /// # Errors
-    /// [`Error::EmptyRegion`] where nothing of the map lies within reach.
-    fn check(&self, map: &Surface<'_>) -> Result<()> {
-        let Near { centre, radius } = self.near;
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "offsets within f32's range, or far from all of them"
-        )]
-        let (at, reach) = (
-            std::array::from_fn(|a| (centre[a] - map.origin[a]) as f32),
-            self.reach as f32,
-        );
-        if map.tree.nearest_within(at, reach).is_some() {
-            return Ok(());
-        }
-        Err(Error::EmptyRegion {
-            x: centre[0],
-            y: centre[1],
-            z: centre[2],
-            radius_m: radius,
-        })
-    }
-
-    /// The features within reach.
-    fn cut(&self, map: &Features<'_>) -> Features<'static> {
-        let within = |p: &[f32; 3]| {
-            let d: [f64; 3] =
-                std::array::from_fn(|a| map.origin[a] + f64::from(p[a]) - self.near.centre[a]);
-            d[0] * d[0] + d[1] * d[1] + d[2] * d[2] <= self.reach * self.reach
-        };
-        let (points, descriptors): (Vec<_>, Vec<_>) = map
-            .points
-            .iter()
-            .zip(map.descriptors.iter())
-            .filter(|(p, _)| within(p))
-            .unzip();
-        Features {
-            origin: map.origin,
-            points: points.into(),
-            descriptors: descriptors.into(),
-            qualified: 0,
-        }
-    }
-}
-
-struct Run<'a> {
-    config: &'a Config,
-    request: &'a Request<'a>,
+pub(crate) struct Run<'a> {
+    pub(crate) config: &'a Config,
+    pub(crate) request: &'a Request<'a>,
     begun: Instant,
     /// Spent on the map alone.
     map_seconds: f64,
@@ -241,14 +158,46 @@ impl Run<'_> {
         Some(chosen.into_iter().map(|i| voxels[i]).collect())
     }
 
+    /// One of the paper's methods at one voxel size.
     fn attempt(
         &mut self,
         map: &mut KeptMap<'_>,
         query: &mut KeptQuery<'_>,
         voxel: f64,
-        verify: &VerifyConfig,
     ) -> Result<Attempt> {
+        let verify = &self.config.verify;
+        let candidates = match self.candidates(map, query, voxel)? {
+            Ok(candidates) => candidates,
+            Err(judgement) => return Ok(Attempt::refused(voxel, judgement)),
+        };
+        let map = map.at(voxel, self.config)?;
+        let (map, query) = (&map.surface, query.at(voxel, self.config));
+        let (ranked, judgement) = match candidates[..] {
+            [lead, _, ..] => self.weigh_rivals(map, query, lead, &candidates, verify),
+            _ => self.stage("verify", candidates.len(), || {
+                let mut ranked = candidates;
+                ask_relief(&mut ranked, map, &query.surface, verify);
+                let judgement = judge(&ranked, map, &query.surface, verify);
+                let n = ranked.len();
+                ((ranked, judgement), n)
+            }),
+        };
+        Ok(Attempt {
+            voxel,
+            judgement,
+            ranked,
+        })
+    }
+
+    /// Refined poses at one voxel size, or the verdict where there is nothing to refine.
+    pub(crate) fn candidates(
+        &mut self,
+        map: &mut KeptMap<'_>,
+        query: &mut KeptQuery<'_>,
+        voxel: f64,
+    ) -> Result<std::result::Result<Vec<Candidate>, Judgement>> {
         let (config, request) = (self.config, self.request);
+        let verify = &config.verify;
         let limited = query.limited(config);
         let points = limited.len();
         let region = request.near.map(|near| Region {
@@ -262,11 +211,7 @@ impl Run<'_> {
         });
         // Nothing need be done on the map for a query that is too poor to look for.
         if let Some(judgement) = insufficient(&query_at.surface, verify) {
-            return Ok(Attempt {
-                voxel,
-                judgement,
-                ranked: Vec::new(),
-            });
+            return Ok(Err(judgement));
         }
         let map_at = self.map_stage("prepare map", map.points(), || {
             let at = map.at(voxel, config);
@@ -278,7 +223,7 @@ impl Run<'_> {
                 "the map has {} points at a voxel size of {voxel:.3} m, too few to compare with",
                 map_at.surface.points.len()
             );
-            return Ok(Attempt::without_pose(voxel, Verdict::NotFound, reason));
+            return Ok(Err(Judgement::refused(Verdict::NotFound, reason)));
         }
         if let Some(region) = region {
             region.check(&map_at.surface)?;
@@ -290,31 +235,15 @@ impl Run<'_> {
         };
         query_at.refine_on(map_at);
         let mut candidates = self.refine(map_at, query_at, &starts, verify)?;
-        let (map, query) = (&map_at.surface, &query_at.surface);
         let found = candidates.len();
         // Refinement may have led a pose away from what is known beforehand.
-        let centroid = query.centroid().unwrap_or_default();
+        let centroid = query_at.surface.centroid().unwrap_or_default();
         candidates.retain(|c| request.plausible(&c.map_from_query, centroid));
         if found > 0 && candidates.is_empty() {
             let reason = "no pose found agrees with the region or the attitude asked for".into();
-            return Ok(Attempt::without_pose(voxel, Verdict::NotFound, reason));
+            return Ok(Err(Judgement::refused(Verdict::NotFound, reason)));
         }
-        let (ranked, judgement) = match candidates[..] {
-            [lead, _, ..] if request.method != Method::Auto => {
-                self.weigh_rivals(map, query_at, lead, &candidates, verify)
-            }
-            _ => self.stage("verify", candidates.len(), || {
-                let ranked = rank(candidates, query, verify, voxel);
-                let judgement = judge(&ranked, map, query, verify);
-                let n = ranked.len();
-                ((ranked, judgement), n)
-            }),
-        };
-        Ok(Attempt {
-            voxel,
-            judgement,
-            ranked,
-        })
+        Ok(Ok(candidates))
     }
 
     /// The paper's methods answer with the pose that most correspondences support, as it leaves their
@@ -363,6 +292,7 @@ impl Run<'_> {
             refined.retain(|c| !at_home(c) && request.plausible(&c.map_from_query, centroid));
             let mut ranked = rank(refined, query, verify, map.voxel);
             ranked.insert(0, lead);
+            ask_relief(&mut ranked, map, query, verify);
             let judgement = judge_against(&ranked, finest, map, query, verify);
             let n = ranked.len();
             ((ranked, judgement), n)
@@ -391,6 +321,15 @@ impl Run<'_> {
             Some(region) => Some(region.cut(&map.describe(config)?.0)),
             None => None,
         };
+        let matching = if self.request.method == Method::Auto {
+            MatchingConfig {
+                neighbours: config.graph.neighbours,
+                mutual: false,
+                ratio: 1.0,
+            }
+        } else {
+            config.matching.clone()
+        };
         let correspondences = self.stage("match", keypoints, || {
             let matches = match &cut {
                 Some(cut) => {
@@ -398,21 +337,41 @@ impl Run<'_> {
                     Ok(match_descriptors(
                         &own.descriptors,
                         &cut.descriptors,
-                        &config.matching,
+                        &matching,
                     ))
                 }
-                None => query.matches(map, config).map(<[_]>::to_vec),
+                None => query.matches(map, config, &matching).map(<[_]>::to_vec),
             };
             let n = matches.as_ref().map_or(0, Vec::len);
             (matches, n)
         })?;
         let centroid = query.surface.centroid().unwrap_or_default();
-        let map_features = match &cut {
-            Some(cut) => cut,
-            None => &map.describe(config)?.0,
-        };
-        let query_features = query.describe(config);
+        query.describe(config);
+        map.describe(config)?;
+        let (map, query) = (&*map, &*query);
+        let nothing = Features::default();
+        let map_features = cut.as_ref().or(map.described()).unwrap_or(&nothing);
+        let query_features = query.described().unwrap_or(&nothing);
         let request = self.request;
+        if request.method == Method::Auto {
+            return Ok(self.stage("estimate", correspondences.len(), || {
+                let pairs = graph::oriented(
+                    &correspondences,
+                    (query_features, &query.surface),
+                    (map_features, &map.surface),
+                    config.graph.max_pairs,
+                );
+                let (outer, inner) = (map_features.origin, query_features.origin);
+                let plausible =
+                    |p: &Pose| request.plausible(&p.from_between_origins(outer, inner), centroid);
+                let found: Vec<Pose> = graph::poses(&pairs, &config.graph, voxel, &plausible)
+                    .iter()
+                    .map(|h| h.map_from_query.from_between_origins(outer, inner))
+                    .collect();
+                let n = found.len();
+                (found, n)
+            }));
+        }
         let estimate = self.stage("estimate", correspondences.len(), || {
             let e = ransac::estimate(
                 &correspondences,
@@ -561,6 +520,7 @@ impl Run<'_> {
                     median_point_to_plane: finite(c.fit.median_point_to_plane),
                     inlier_fraction: c.fit.inlier_fraction,
                     overlap: c.fit.overlap,
+                    relief: c.relief,
                     stop: c.stop,
                 })
                 .collect(),
@@ -580,7 +540,7 @@ impl Run<'_> {
     }
 
     /// Runs a stage that looks at the map alone.
-    fn map_stage<T>(
+    pub(crate) fn map_stage<T>(
         &mut self,
         name: &str,
         count_in: usize,
@@ -592,7 +552,12 @@ impl Run<'_> {
     }
 
     /// Runs one stage, timed and told; `work` answers its result and how many things came out.
-    fn stage<T>(&mut self, name: &str, count_in: usize, work: impl FnOnce() -> (T, usize)) -> T {
+    pub(crate) fn stage<T>(
+        &mut self,
+        name: &str,
+        count_in: usize,
+        work: impl FnOnce() -> (T, usize),
+    ) -> T {
         if let Some(progress) = self.request.progress {
             progress(name, None);
         }
@@ -629,7 +594,7 @@ fn guarded(
 }
 
 /// A pose with the evidence for it, and why its refiner stopped.
-fn candidate(
+pub(crate) fn candidate(
     pose: Pose,
     stop: Option<StopReason>,
     map: &Surface<'_>,
@@ -639,6 +604,7 @@ fn candidate(
     Candidate {
         map_from_query: pose,
         fit: fit(map, query, &pose, verify),
+        relief: None,
         stop,
     }
 }
@@ -660,7 +626,7 @@ fn hopeful(candidates: &[Candidate], verify: &VerifyConfig) -> Vec<bool> {
         .collect()
 }
 
-fn point_to_plane(config: &IcpConfig) -> IcpConfig {
+pub(crate) fn point_to_plane(config: &IcpConfig) -> IcpConfig {
     IcpConfig {
         metric: IcpMetric::PointToPlane,
         ..config.clone()

@@ -24,6 +24,9 @@ pub(crate) struct Neighbours {
     found: Vec<Neighbour>,
     limit: f32,
     shared: bool,
+    /// Places that are gathered at most, and whether there were more.
+    most: usize,
+    over: bool,
 }
 
 impl Neighbours {
@@ -34,6 +37,19 @@ impl Neighbours {
         radius: f32,
         members: impl Iterator<Item = [f32; 3]>,
     ) {
+        self.gather_up_to(usize::MAX, tree, radius, members);
+    }
+
+    /// The same for [`Neighbours::nearest_of`] alone, which finds nothing where there is more than about `most`: a
+    /// radius that was guessed too wide must not hold the whole cloud.
+    pub(crate) fn gather_up_to(
+        &mut self,
+        most: usize,
+        tree: &KdTree<'_>,
+        radius: f32,
+        members: impl Iterator<Item = [f32; 3]>,
+    ) {
+        self.most = most;
         let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
         for p in members {
             for a in 0..3 {
@@ -52,6 +68,7 @@ impl Neighbours {
         self.axes.iter_mut().for_each(Vec::clear);
         self.names.clear();
         let (_, axes) = tree.parts();
+        let most = self.most;
         let mut take = |range: Range<usize>| {
             for (own, axis) in self.axes.iter_mut().zip(axes) {
                 own.extend_from_slice(&axis[range.clone()]);
@@ -60,7 +77,12 @@ impl Neighbours {
         };
         // Leaves that follow each other are copied together.
         let mut run = 0..0;
+        let mut count = 0;
         tree.leaves_near(low, high, self.limit, |range| {
+            count += range.len();
+            if count > most {
+                return;
+            }
             if range.start == run.end {
                 run.end = range.end;
             } else {
@@ -68,6 +90,7 @@ impl Neighbours {
             }
         });
         take(run);
+        self.over = count > most;
     }
 
     /// The neighbours of `q`, one of the group's members, in the tree's leaf order, itself among them.
@@ -109,8 +132,8 @@ impl Neighbours {
         &self.found[..count]
     }
 
-    /// The squared distances of the `count` nearest to `q`, one of the group's members, itself among them, in no
-    /// order but for the last, which is the largest; or `None` where fewer lie within the radius.
+    /// The squared distances of the `count` nearest to `q`, one of the group's members, itself among them, ascending; or
+    /// `None` where fewer lie within the radius, or too many were near.
     pub(crate) fn nearest_of(
         &mut self,
         tree: &KdTree<'_>,
@@ -119,6 +142,9 @@ impl Neighbours {
     ) -> Option<&[f32]> {
         if !self.shared {
             self.collect(tree, q, q);
+        }
+        if self.over {
+            return None;
         }
         self.squared.resize(self.names.len(), 0.0);
         let (axes, squared, limit) = (&self.axes, &mut self.squared[..], self.limit);
@@ -138,7 +164,9 @@ impl Neighbours {
         let squared = &mut squared[..within];
         let last = count.checked_sub(1).filter(|_| count <= within)?;
         squared.select_nth_unstable_by(last, f32::total_cmp);
-        Some(&squared[..count])
+        let nearest = &mut squared[..count];
+        nearest.sort_unstable_by(f32::total_cmp);
+        Some(nearest)
     }
 }
 
@@ -192,27 +220,32 @@ mod tests {
         let s = surface(&drift(20_000, 12.0, 0.3, 0.0, 1), 0.2);
         let mut near = Neighbours::default();
         let mut expected = Vec::new();
-        for group in s.points.chunks(GROUP).step_by(40) {
+        // Neighbours in memory, then points from all over the place, then a few of one place.
+        let neighbours = s.points.chunks(GROUP).step_by(40).map(<[_]>::to_vec);
+        let scattered: Vec<[f32; 3]> = s.points.iter().step_by(97).copied().collect();
+        let same = vec![s.points[7]; 3];
+        for group in neighbours.chain([scattered, same]) {
             near.gather(&s.tree, 0.6, group.iter().copied());
-            for p in group {
+            for p in &group {
                 for count in [1, 9, 20] {
                     s.tree.knn(*p, count, f32::INFINITY, &mut expected);
                     let mut expected: Vec<f32> =
                         expected.iter().map(|n| n.distance_squared).collect();
                     expected.retain(|d| *d <= 0.6 * 0.6);
                     match near.nearest_of(&s.tree, *p, count) {
-                        Some(found) => {
-                            assert_eq!(found.last(), expected.last());
-                            let mut found = found.to_vec();
-                            found.sort_unstable_by(f32::total_cmp);
-                            assert_eq!(found, expected);
-                        }
+                        Some(found) => assert_eq!(found, expected),
                         None => assert!(expected.len() < count),
                     }
                 }
             }
         }
         assert!(near.nearest_of(&s.tree, s.points[0], 0).is_none());
+        let all = [s.points[0]];
+        near.gather_up_to(100, &s.tree, 1e3, all.into_iter());
+        assert!(near.nearest_of(&s.tree, s.points[0], 9).is_none());
+        assert!(near.names.len() <= 100);
+        near.gather(&s.tree, 1e3, all.into_iter());
+        assert!(near.nearest_of(&s.tree, s.points[0], 9).is_some());
     }
 
     #[test]

@@ -4,6 +4,7 @@ use crate::degeneracy::Unobservable;
 use crate::icp::Information;
 use crate::pose::{Pose, PoseDistance};
 use crate::refine::StopReason;
+use crate::relief::Relief;
 
 /// What is known about where the query lies. Never an error: each is an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -73,6 +74,8 @@ pub struct RankedHypothesis {
     pub inlier_fraction: f64,
     /// Share of them with map surface within the overlap distance.
     pub overlap: f64,
+    /// Whether it is the same rock, patch by patch; `None` where that was not asked.
+    pub relief: Option<Relief>,
     /// Why its refinement stopped; `None` where it was not refined.
     pub stop: Option<StopReason>,
 }

@@ -33,7 +33,7 @@ pub struct Hypothesis {
 impl Hypothesis {
     /// `Σ (1 − d²/limit²)` over the inliers, by which hypotheses are ranked (MSAC, Torr & Zisserman
     /// 2000): of two with as many inliers the tighter one wins, and one more at the rim is worth little.
-    fn support(&self, limit: f64) -> f64 {
+    pub(crate) fn support(&self, limit: f64) -> f64 {
         #[expect(clippy::cast_precision_loss, reason = "a count")]
         let inliers = self.inliers as f64;
         inliers * (1.0 - self.rmse * self.rmse / (limit * limit))

@@ -1,8 +1,8 @@
 //! The widest vectors that the processor at hand has, for plain loops.
 //!
 //! The compiler vectorises a loop for the oldest processor that it builds for. [`wide`] has it compiled again
-//! for newer ones, and the one that fits is taken when it runs. The operations and their order stay as written (no lanes are
-//! summed across, no multiplication is fused with an addition), so every processor gives the same bits.
+//! for newer ones, and the one that fits is taken when it runs. The operations and their order stay as written (no floats are
+//! summed across lanes, no multiplication is fused with an addition), so every processor gives the same bits.
 
 use fearless_simd::{Level, dispatch};
 

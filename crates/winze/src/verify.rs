@@ -14,6 +14,7 @@ use crate::parallel;
 use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::refine::{StopReason, sample};
+use crate::relief::{self, Relief};
 
 /// How well the query's surface lies on the map's at one pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,6 +43,8 @@ pub struct Candidate {
     pub map_from_query: Pose,
     /// The evidence.
     pub fit: Fit,
+    /// Whether it is the same rock, patch by patch; `None` where that was not asked.
+    pub relief: Option<Relief>,
     /// Why its refiner stopped; `None` where it was not refined.
     pub stop: Option<StopReason>,
 }
@@ -215,6 +218,55 @@ pub fn rank(
     distinct
 }
 
+/// Asks the rock at the best of `ranked` places.
+pub(crate) fn ask_relief(
+    ranked: &mut [Candidate],
+    map: &Surface<'_>,
+    query: &Surface<'_>,
+    config: &VerifyConfig,
+) {
+    let size = config.patch_size.metres(map.voxel);
+    let lengths = [
+        config.patch_step.metres(map.voxel),
+        config.patch_reach.metres(map.voxel),
+    ];
+    let patches = relief::patches(query, size, config.patches);
+    for c in ranked.iter_mut().take(config.refined) {
+        c.relief
+            .get_or_insert_with(|| relief::ask(map, query, &patches, &c.map_from_query, lengths));
+    }
+}
+
+/// Whether enough of the rock says that it is the same.
+pub(crate) fn confirmed(candidate: &Candidate, config: &VerifyConfig) -> bool {
+    candidate.fit.overlap >= config.least_overlap
+        && candidate.relief.is_some_and(|r| {
+            r.asked >= config.min_patches && r.significance() >= config.min_significance
+        })
+}
+
+/// Orders distinct candidates by how much of the rock says yes, asked at the fittest, then by fitness.
+pub(crate) fn by_evidence(
+    pool: &mut [Candidate],
+    map: &Surface<'_>,
+    query: &Surface<'_>,
+    config: &VerifyConfig,
+) {
+    pool.sort_by(|a, b| b.fit.fitness.total_cmp(&a.fit.fitness));
+    ask_relief(pool, map, query, config);
+    let excess = |c: &Candidate| {
+        if confirmed(c, config) {
+            c.relief.map_or(0.0, |r| r.excess())
+        } else {
+            0.0
+        }
+    };
+    pool.sort_by(|a, b| {
+        let by_rock = excess(b).total_cmp(&excess(a));
+        by_rock.then(b.fit.fitness.total_cmp(&a.fit.fitness))
+    });
+}
+
 /// Two candidates differ by less than the merge distance at the query's centroid and by less than
 /// the merge angle.
 #[must_use]
@@ -233,12 +285,15 @@ pub fn same_place(
 
 /// The verdict over distinct candidates, the one to answer with first.
 ///
-/// The rules, in order: fewer than [`VerifyConfig::min_points`] query points with a normal:
-/// `insufficient`. No candidate, or too little overlap or fitness: `not_found`. A rival that
-/// fits as finely (its median point-to-plane residual is below [`VerifyConfig::rival_residual`]
-/// times the best's) on at least [`VerifyConfig::rival_overlap`] of the best's overlap:
-/// `ambiguous`. A direction with less than [`VerifyConfig::min_information`]: `degenerate`. Else
-/// `located`.
+/// The rules, in order. Fewer than [`VerifyConfig::min_points`] query points with a normal: `insufficient`. No
+/// candidate: `not_found`.
+///
+/// Where the rock says that it is the same place ([`relief`](crate::relief), [`VerifyConfig::min_significance`]): a rival of which it
+/// says so too, with [`VerifyConfig::rival_excess`] of the best's excess: `ambiguous`. A direction with less than
+/// [`VerifyConfig::min_information`]: `degenerate`. Else `located`.
+///
+/// Where it does not: too little overlap or too few points that lie finely: `not_found`. A rival that fits as finely: `ambiguous`. An open
+/// direction: `degenerate`. Else `insufficient` where there was too little rock to ask, and `not_found` where it said no.
 #[must_use]
 pub fn judge(
     ranked: &[Candidate],
@@ -281,22 +336,9 @@ pub(crate) fn judge_against(
         return Judgement::refused(Verdict::NotFound, reason);
     };
     let fit = &best.fit;
-    if fit.overlap < config.min_overlap || fit.overlap <= 0.0 {
-        let reason = format!(
-            "the best pose found puts {:.0} % of the query on the map's surface, below the {:.0} % asked for",
-            100.0 * fit.overlap,
-            100.0 * config.min_overlap
-        );
-        return Judgement::refused(Verdict::NotFound, reason);
-    }
-    let fine = fit.fitness / fit.overlap;
-    if fine < config.min_fine_share {
-        let reason = format!(
-            "of the overlapping points {:.0} % lie within {:.3} m of the map's surface, below the {:.0} % asked for",
-            100.0 * fine,
-            config.fine_tolerance.metres(map.voxel),
-            100.0 * config.min_fine_share
-        );
+    let relief = best.relief.unwrap_or_default();
+    let sure = confirmed(best, config);
+    if !sure && let Some(reason) = unfit(fit, map, config) {
         return Judgement::refused(Verdict::NotFound, reason);
     }
     let information = icp::information(
@@ -310,19 +352,37 @@ pub(crate) fn judge_against(
         .into_iter()
         .filter(|d| d.information < config.min_information)
         .collect();
-    let rivals = ranked[1..]
-        .iter()
-        .filter(|c| {
-            c.fit.overlap >= config.rival_overlap * fit.overlap
-                && c.fit.median_point_to_plane <= config.rival_residual * finest
-        })
-        .count();
+    let is_rival = |c: &&Candidate| {
+        if sure {
+            let excess = c.relief.map_or(0.0, |r| r.excess());
+            return confirmed(c, config) && excess >= config.rival_excess * relief.excess();
+        }
+        c.fit.overlap >= config.rival_overlap * fit.overlap
+            && c.fit.median_point_to_plane <= config.rival_residual * finest
+    };
+    let rivals = ranked[1..].iter().filter(is_rival).count();
+    let asked = format!(
+        "of {} patches of wall {} ({:.0} %) lie finest where they are",
+        relief.asked,
+        relief.confirmed,
+        100.0 * relief.share()
+    );
     let (verdict, reason) = if rivals > 0 {
         let reason = format!(
-            "{rivals} other place{} fit{} as finely on at least {:.0} % of the overlap",
+            "{rivals} other place{} fit{} as well: {}",
             if rivals == 1 { "" } else { "s" },
             if rivals == 1 { "s" } else { "" },
-            100.0 * config.rival_overlap
+            if sure {
+                format!(
+                    "{asked}, and at least {:.0} % of what exceeds chance there",
+                    100.0 * config.rival_excess
+                )
+            } else {
+                format!(
+                    "as finely on at least {:.0} % of the overlap, and {asked}, which tells none of them apart",
+                    100.0 * config.rival_overlap
+                )
+            }
         );
         (Verdict::Ambiguous, reason)
     } else if let Some(d) = open.first() {
@@ -337,18 +397,30 @@ pub(crate) fn judge_against(
             d.direction[2]
         );
         (Verdict::Degenerate, reason)
-    } else {
+    } else if sure {
         let others = match ranked.len() {
             1 => "no other place came up".into(),
             2 => "the one other place weighed does not come close".into(),
             n => format!("none of the {} other places weighed comes close", n - 1),
         };
         let reason = format!(
-            "{:.0} % of the query lies on the map's surface, half of that within {:.3} m, and {others}",
+            "{:.0} % of the query lies on the map's surface, half of that within {:.3} m; {asked}, where chance gives 33 % at most; and {others}",
             100.0 * fit.overlap,
             fit.median_point_to_plane
         );
         (Verdict::Located, reason)
+    } else if relief.asked < config.min_patches {
+        let reason = format!(
+            "the shape fits, but only {} patches of wall could be asked whether it is the same rock; at least {} are needed",
+            relief.asked, config.min_patches
+        );
+        (Verdict::Insufficient, reason)
+    } else {
+        let reason = format!(
+            "the shape fits, but not the rock: {asked}, no more than chance gives (33 % and {:.1} standard deviations)",
+            config.min_significance
+        );
+        (Verdict::NotFound, reason)
     };
     Judgement {
         verdict,
@@ -356,6 +428,26 @@ pub(crate) fn judge_against(
         unobservable: Some(open),
         information: Some(information),
     }
+}
+
+/// Why a pose does not fit by its shape; `None` where it does.
+fn unfit(fit: &Fit, map: &Surface<'_>, config: &VerifyConfig) -> Option<String> {
+    if fit.overlap < config.min_overlap || fit.overlap <= 0.0 {
+        return Some(format!(
+            "the best pose found puts {:.0} % of the query on the map's surface, below the {:.0} % asked for where the rock does not tell",
+            100.0 * fit.overlap,
+            100.0 * config.min_overlap
+        ));
+    }
+    let fine = fit.fitness / fit.overlap;
+    (fine < config.min_fine_share).then(|| {
+        format!(
+            "of the overlapping points {:.0} % lie within {:.3} m of the map's surface, below the {:.0} % asked for",
+            100.0 * fine,
+            config.fine_tolerance.metres(map.voxel),
+            100.0 * config.min_fine_share
+        )
+    })
 }
 
 #[cfg(test)]
@@ -368,6 +460,7 @@ mod tests {
         Candidate {
             map_from_query: pose,
             fit: fit(map, query, &pose, &VerifyConfig::default()),
+            relief: None,
             stop: None,
         }
     }
@@ -467,6 +560,7 @@ mod tests {
                 bounded_residual: 0.01,
                 inlier_fraction: 1.0,
             },
+            relief: None,
             stop: None,
         };
         let ranked = rank(

@@ -32,6 +32,8 @@ use crate::{sections, settings};
 use base::Base;
 use progress::Plan;
 
+/// Bytes of the name of a coordinate reference system.
+const LONGEST_CRS: usize = 8192;
 /// Points that a map must have.
 const MIN_POINTS: u64 = 100;
 
@@ -92,11 +94,28 @@ pub fn build(
         .into());
     }
     refuse_existing(out, options)?;
+    let crs = options.crs.map_or(0, str::len);
+    if crs > LONGEST_CRS {
+        return Err(CoreError::Map(format!(
+            "a CRS of {crs} bytes is too long; name it, such as EPSG:32633, instead of describing it"
+        ))
+        .into());
+    }
     let folder = match (options.scratch, out.parent()) {
         (Some(folder), _) => folder,
         (None, Some(parent)) if !parent.as_os_str().is_empty() => parent,
         (None, _) => Path::new("."),
     };
+    // Found out now rather than after the clouds were read.
+    if options.scratch.is_some()
+        && let Err(cause) = std::fs::read_dir(folder)
+    {
+        return Err(Error::Scratch {
+            folder: folder.display().to_string(),
+            bytes: 0,
+            cause,
+        });
+    }
     let work = Work {
         config,
         options,

@@ -14,8 +14,8 @@ pub use choices::{DescriptorVariant, IcpMetric, IssCentre, Kernel, NdtForm, Orie
 pub use length::Length;
 pub use schema::{FieldDoc, Rule};
 pub use sections::{
-    FpfhConfig, IcpConfig, IssConfig, MatchingConfig, NdtConfig, PrepareConfig, RansacConfig,
-    ScaleConfig, VerifyConfig,
+    FpfhConfig, GraphConfig, IcpConfig, IssConfig, MatchingConfig, NdtConfig, PrepareConfig,
+    RansacConfig, ScaleConfig, VerifyConfig,
 };
 
 use crate::error::Result;
@@ -50,6 +50,8 @@ pub struct Config {
     pub matching: MatchingConfig,
     /// Estimation.
     pub ransac: RansacConfig,
+    /// Estimation by agreement (`auto`).
+    pub graph: GraphConfig,
     /// Refinement by NDT.
     pub ndt: NdtConfig,
     /// Refinement by ICP.
@@ -70,6 +72,7 @@ impl Config {
         self.fpfh.check()?;
         self.matching.check()?;
         self.ransac.check()?;
+        self.graph.check()?;
         self.ndt.check()?;
         self.icp.check()?;
         self.verify.check()
@@ -77,7 +80,7 @@ impl Config {
 
     /// Documentation of every section, in the order of the pipeline.
     #[must_use]
-    pub fn sections() -> [SectionDoc; 9] {
+    pub fn sections() -> [SectionDoc; 10] {
         macro_rules! docs {
             ($($section:ident),+) => {
                 [$(SectionDoc { key: $section::KEY, doc: $section::DOC, fields: $section::FIELDS }),+]
@@ -90,6 +93,7 @@ impl Config {
             FpfhConfig,
             MatchingConfig,
             RansacConfig,
+            GraphConfig,
             NdtConfig,
             IcpConfig,
             VerifyConfig

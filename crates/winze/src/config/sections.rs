@@ -128,6 +128,30 @@ section! {
 }
 
 section! {
+    /// Poses from correspondences that agree pair by pair (`auto`).
+    pub struct GraphConfig("graph") {
+        /// Nearest map descriptors taken for each query descriptor.
+        neighbours: usize = 2, Between(1.0, 64.0);
+        /// Correspondences used at most, those whose descriptors are nearest.
+        max_pairs: usize = 4000, Between(3.0, 20_000.0);
+        /// Distances of two correspondences may differ by this much,
+        inlier_distance: Length = Length::Voxels(1.5), UpTo(LONGEST);
+        /// and by this share of themselves, since odometry stretches a query.
+        stretch: f64 = 0.01, Between(0.0, 0.5);
+        /// Correspondences nearer to each other than this say nothing about a pose.
+        min_edge: Length = Length::Voxels(4.0), Between(0.0, LONGEST);
+        /// Cosines of the angles between normals and the line that joins them may differ by this much.
+        angle_tolerance: f64 = 0.25, Between(0.0, 2.0);
+        /// Keypoints that must agree with a pose.
+        min_inliers: usize = 4, Between(3.0, 1e9);
+        /// Distinct poses kept.
+        hypotheses: usize = 64, Between(1.0, 1000.0);
+        /// Poses nearer than this (and 15 degrees) are one.
+        distinct_distance: Length = Length::Voxels(5.0), Between(0.0, LONGEST);
+    }
+}
+
+section! {
     /// NDT refinement.
     pub struct NdtConfig("ndt") {
         /// Cell size to begin with.
@@ -202,7 +226,7 @@ section! {
         overlap_distance: Length = Length::Voxels(1.5), UpTo(LONGEST);
         /// And fits finely within this distance of its tangent plane.
         fine_tolerance: Length = Length::Voxels(0.25), UpTo(LONGEST);
-        /// Overlap below which nothing is called located.
+        /// Where the rock does not tell: overlap below which no place counts as fitting.
         min_overlap: f64 = 0.5, Between(0.0, 1.0);
         /// Share of the overlapping points that must fit finely.
         min_fine_share: f64 = 0.5, Between(0.0, 1.0);
@@ -215,6 +239,22 @@ section! {
         hopeless_residual: f64 = 4.0, Between(1.0, 1e6);
         /// Information (a pair's share) below which a direction is unobservable.
         min_information: f64 = 0.01, Between(0.0, 1.0);
+        /// Size of the patches of wall that are asked whether they lie on the rock they were seen on,
+        patch_size: Length = Length::Voxels(10.0), UpTo(LONGEST);
+        /// how far each is moved to see whether it lies as finely there,
+        patch_step: Length = Length::Voxels(5.0), UpTo(LONGEST);
+        /// how far from it the map's surface may lie,
+        patch_reach: Length = Length::Voxels(4.0), UpTo(LONGEST);
+        /// and how many patches are asked at most.
+        patches: usize = 300, Between(1.0, 1e6);
+        /// Patches that must have been asked for a place to be believed,
+        min_patches: usize = 15, Between(1.0, 1e6);
+        /// and the standard deviations by which those that say yes must exceed chance.
+        min_significance: f64 = 2.0, NonNegative;
+        /// Share of the best place's excess over chance from which a rival makes the answer ambiguous.
+        rival_excess: f64 = 0.4, Between(0.0, 1.0);
+        /// Overlap below which no place is believed, whatever the rock says.
+        least_overlap: f64 = 0.1, Between(0.0, 1.0);
         /// Refined poses nearer than this are one place, if
         merge_distance: Length = Length::Voxels(1.5), Between(0.0, LONGEST);
         /// they also differ by less than this angle, degrees.

@@ -1,0 +1,257 @@
+//! Is it the same rock? Evidence patch by patch.
+//!
+//! One drift has the shape of the next, so that a query fits its twin within a few centimetres. But no two walls have
+//! the same relief. A patch of the query's surface, a metre or two wide, is laid on the map's surface where the pose puts it, and then half a
+//! patch further up, down, left, right and across: where the pose is right it lies most finely unmoved, where it is not,
+//! another place is mostly as good. Offset and tilt of each patch are fitted anew each time, so that neither a bent query nor the last
+//! centimetres of a pose matter, and much of the shape that a look-alike shares, such as the curve of a roof, cancels.
+//!
+//! The share of patches that say yes needs no noise level and no threshold in metres. Among seventeen places as good as each
+//! other it would be one in seventeen; shape that does not cancel, such as the foot of a wall, leaves a patch only the drift's
+//! direction to move in, which makes it [one in three](BY_CHANCE) at most by chance.
+
+use crate::parallel;
+use crate::pose::Pose;
+use crate::prepare::Surface;
+use crate::vec3::{cross, dot, norm, scale, sub};
+
+/// What the patches said about one pose.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Relief {
+    /// Patches that could be asked: those with map surface on all sides.
+    pub asked: usize,
+    /// Those that lie more finely where they are than moved any way.
+    pub confirmed: usize,
+}
+
+impl Relief {
+    /// Share of the patches asked that say yes; 0 where none was.
+    #[must_use]
+    #[expect(clippy::cast_precision_loss, reason = "counts")]
+    pub fn share(&self) -> f64 {
+        self.confirmed as f64 / self.asked.max(1) as f64
+    }
+
+    /// Patches that say yes beyond those that do by chance; negative where it is fewer.
+    #[must_use]
+    #[expect(clippy::cast_precision_loss, reason = "counts")]
+    pub fn excess(&self) -> f64 {
+        self.confirmed as f64 - self.asked as f64 * BY_CHANCE
+    }
+
+    /// The excess in standard deviations of what chance gives.
+    #[must_use]
+    #[expect(clippy::cast_precision_loss, reason = "counts")]
+    pub fn significance(&self) -> f64 {
+        let variance = self.asked as f64 * BY_CHANCE * (1.0 - BY_CHANCE);
+        self.excess() / variance.max(f64::MIN_POSITIVE).sqrt()
+    }
+}
+
+/// Share of patches that say yes by chance, at most.
+pub const BY_CHANCE: f64 = 1.0 / 3.0;
+/// Directions that a patch is moved in,
+const DIRECTIONS: usize = 8;
+/// each by a step and by so many steps.
+const FURTHER: f64 = 1.7;
+const WAYS: usize = 2 * DIRECTIONS;
+/// Points that a patch needs.
+const LEAST: usize = 14;
+/// Share of a patch's points that must lie on the map, wherever it is moved to.
+const ON_MAP: f64 = 0.75;
+/// Ways that must lead to map surface.
+const LEAST_WAYS: usize = 11;
+/// Cosine to the patch's mean normal that a point's must reach, and the map's there.
+const SIDE: f64 = 0.7;
+
+/// A piece of the query's surface: offsets, their mean, and its normal.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Patch {
+    points: Vec<[f64; 3]>,
+    centre: [f64; 3],
+    normal: [f64; 3],
+}
+
+/// The patches of `query`, of about `size` metres, at most `most` of them, evenly chosen.
+#[must_use]
+pub fn patches(query: &Surface<'_>, size: f64, most: usize) -> Vec<Patch> {
+    let mut keyed: Vec<([i64; 3], u8, u32)> = (0u32..)
+        .zip(query.points.iter().zip(query.normals.iter()))
+        .filter(|(_, (_, n))| **n != [0.0; 3])
+        .map(|(i, (p, n))| {
+            let cell = crate::vec3::voxel_of(p.map(f64::from), size);
+            // Floor and wall meet in one cell; the sides a normal can face keep them apart.
+            let axis = (0..3)
+                .max_by(|&a, &b| n[a].abs().total_cmp(&n[b].abs()))
+                .unwrap_or(0);
+            #[expect(clippy::cast_possible_truncation, reason = "0 to 5")]
+            let side = 2 * axis as u8 + u8::from(n[axis] < 0.0);
+            (cell, side, i)
+        })
+        .collect();
+    keyed.sort_unstable();
+    let patch = |group: &[([i64; 3], u8, u32)]| -> Option<Patch> {
+        let at = |i: u32, of: &[[f32; 3]]| of[i as usize].map(f64::from);
+        let mut mean = [0.0; 3];
+        for (.., i) in group {
+            let n = at(*i, &query.normals);
+            (0..3).for_each(|a| mean[a] += n[a]);
+        }
+        let length = norm(mean);
+        if !(length > 0.0) {
+            return None;
+        }
+        let normal = scale(mean, 1.0 / length);
+        let points: Vec<[f64; 3]> = group
+            .iter()
+            .filter(|(.., i)| dot(at(*i, &query.normals), normal) >= SIDE)
+            .map(|(.., i)| at(*i, &query.points))
+            .collect();
+        if points.len() < LEAST {
+            return None;
+        }
+        #[expect(clippy::cast_precision_loss, reason = "a count")]
+        let n = points.len() as f64;
+        let centre = std::array::from_fn(|a| points.iter().map(|p| p[a]).sum::<f64>() / n);
+        Some(Patch {
+            points,
+            centre,
+            normal,
+        })
+    };
+    let all: Vec<Patch> = keyed
+        .chunk_by(|a, b| (a.0, a.1) == (b.0, b.1))
+        .filter_map(patch)
+        .collect();
+    let stride = all.len().div_ceil(most.max(1)).max(1);
+    all.into_iter().step_by(stride).collect()
+}
+
+/// Asks `patches` of `query` whether `map_from_query` puts them on the rock they were seen on. `lengths`, metres: by how much each is
+/// moved to see whether it lies as finely there, and how far from it the map's surface may lie.
+#[must_use]
+pub fn ask(
+    map: &Surface<'_>,
+    query: &Surface<'_>,
+    patches: &[Patch],
+    map_from_query: &Pose,
+    lengths: [f64; 2],
+) -> Relief {
+    let pose = map_from_query.between_origins(map.origin, query.origin);
+    let answers = parallel::map_with(
+        patches.len(),
+        || (),
+        |(), i| confirms(map, &patches[i], &pose, lengths),
+    );
+    let answers = answers.into_iter().flatten();
+    answers.fold(Relief::default(), |r, yes| Relief {
+        asked: r.asked + 1,
+        confirmed: r.confirmed + usize::from(yes),
+    })
+}
+
+/// Whether a patch lies most finely where the pose puts it; `None` where the map has too little surface around.
+fn confirms(
+    map: &Surface<'_>,
+    patch: &Patch,
+    pose: &Pose,
+    [step, reach]: [f64; 2],
+) -> Option<bool> {
+    let normal = pose.rotate(patch.normal);
+    let centre = pose.transform(patch.centre);
+    let across = if normal[2].abs() < 0.9 {
+        [0.0, 0.0, 1.0]
+    } else {
+        [1.0, 0.0, 0.0]
+    };
+    let u = cross(normal, across);
+    let u = scale(u, 1.0 / norm(u).max(1e-12));
+    let v = cross(normal, u);
+    let points: Vec<[f64; 3]> = patch.points.iter().map(|p| pose.transform(*p)).collect();
+    let frame = Frame {
+        map,
+        centre,
+        axes: [u, v, normal],
+        reach,
+    };
+    let own = frame.roughness(&points, [0.0, 0.0])?;
+    let (mut ways, mut finest) = (0, true);
+    for k in 0..WAYS {
+        let (s, c) = libm::sincos(std::f64::consts::TAU * k as f64 / DIRECTIONS as f64);
+        let step = if k < DIRECTIONS { step } else { FURTHER * step };
+        if let Some(moved) = frame.roughness(&points, [step * c, step * s]) {
+            finest &= own < moved;
+            ways += 1;
+        }
+    }
+    (ways >= LEAST_WAYS).then_some(finest)
+}
+
+/// Where a patch lies on the map.
+struct Frame<'a> {
+    map: &'a Surface<'a>,
+    centre: [f64; 3],
+    /// Two along the patch, then its normal.
+    axes: [[f64; 3]; 3],
+    reach: f64,
+}
+
+impl Frame<'_> {
+    /// Mean square of what is left of the patch's distances from the map's surface once offset and tilt are taken out, where
+    /// it is moved along itself by `shift`; `None` where too little of it meets surface.
+    fn roughness(&self, points: &[[f64; 3]], shift: [f64; 2]) -> Option<f64> {
+        let [u, v, n] = self.axes;
+        let moved: [f64; 3] = std::array::from_fn(|a| shift[0] * u[a] + shift[1] * v[a]);
+        let mut found: Vec<[f64; 3]> = Vec::with_capacity(points.len());
+        for p in points {
+            let at: [f64; 3] = std::array::from_fn(|a| p[a] + moved[a]);
+            #[expect(
+                clippy::cast_possible_truncation,
+                reason = "offsets within f32's range"
+            )]
+            let near = self
+                .map
+                .tree
+                .nearest_within(at.map(|c| c as f32), self.reach as f32);
+            let Some(near) = near else { continue };
+            let i = near.index as usize;
+            let (q, m) = (
+                self.map.points[i].map(f64::from),
+                self.map.normals[i].map(f64::from),
+            );
+            let facing = dot(m, n);
+            if facing < SIDE {
+                continue;
+            }
+            let d = sub(*p, self.centre);
+            // Along the patch's normal to the tangent plane of the map's nearest point.
+            found.push([dot(d, u), dot(d, v), dot(sub(at, q), m) / facing]);
+        }
+        #[expect(clippy::cast_precision_loss, reason = "counts")]
+        let enough = found.len() as f64 >= ON_MAP * points.len() as f64;
+        enough.then(|| about_plane(&found))
+    }
+}
+
+/// Mean square distance, along the third axis, of points from the plane fitted to them.
+fn about_plane(points: &[[f64; 3]]) -> f64 {
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let n = points.len().max(1) as f64;
+    let mean: [f64; 3] = std::array::from_fn(|a| points.iter().map(|p| p[a]).sum::<f64>() / n);
+    let (mut xx, mut xy, mut yy, mut xz, mut yz, mut zz) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    for p in points {
+        let [x, y, z] = sub(*p, mean);
+        xx += x * x;
+        xy += x * y;
+        yy += y * y;
+        xz += x * z;
+        yz += y * z;
+        zz += z * z;
+    }
+    let det = xx * yy - xy * xy;
+    if !(det > 1e-9 * xx * yy) {
+        return zz / n;
+    }
+    let (a, b) = ((xz * yy - yz * xy) / det, (yz * xx - xz * xy) / det);
+    (zz - a * xz - b * yz).max(0.0) / n
+}
