@@ -124,7 +124,7 @@ fn main() -> Result<()> {
                     let v = &config.verify;
                     let patches = relief::patches(query, v.patch_size.metres(*voxel), v.patches);
                     let lengths = [v.patch_step.metres(*voxel), v.patch_reach.metres(*voxel)];
-                    let r = relief::ask(map, query, &patches, &pose, lengths);
+                    let r = relief::ask(map, query.origin, &patches, &|_| pose, lengths);
                     print!(
                         " {voxel:.2}: {}/{} {:.2} {:.1};",
                         r.confirmed,

@@ -309,3 +309,103 @@ fn hypothesis(pairs: &[OrientedPair], pose: &Pose, inliers: &[usize]) -> Hypothe
         rmse,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rng::Rng;
+
+    /// `good` pairs under each of `poses`, and `bad` ones that belong to none.
+    fn pairs(poses: &[Pose], good: usize, bad: usize, noise: f64) -> Vec<OrientedPair> {
+        let mut rng = Rng::new(5, 0);
+        let mut out = Vec::new();
+        let place = |rng: &mut Rng| {
+            [
+                rng.range(-15.0, 15.0),
+                rng.range(-3.0, 3.0),
+                rng.range(-2.0, 2.0),
+            ]
+        };
+        for pose in poses {
+            for _ in 0..good {
+                let (p, n) = (place(&mut rng), rng.direction());
+                let m: [f64; 3] = pose.transform(p).map(|v| v + noise * rng.normal());
+                out.push(([p, n], [m, pose.rotate(n)]));
+            }
+        }
+        for _ in 0..bad {
+            let q = [place(&mut rng), rng.direction()];
+            let m = place(&mut rng).map(|v| 3.0 * v);
+            out.push((q, [m, rng.direction()]));
+        }
+        (0..)
+            .zip(out)
+            .map(|(keypoint, (query, map))| OrientedPair {
+                keypoint,
+                query,
+                map,
+            })
+            .collect()
+    }
+
+    fn anything(_: &Pose) -> bool {
+        true
+    }
+
+    #[test]
+    fn one_right_pair_in_fifty_is_enough() {
+        let truth = Pose::from_rotation_vector([0.4, 2.0, -1.0], [12.0, -7.0, 3.0]);
+        let all = pairs(&[truth], 30, 1_470, 0.05);
+        let found = poses(&all, &GraphConfig::default(), 0.2, &anything);
+        let off = found[0].map_from_query.distance(&truth, [0.0; 3]);
+        assert!(off.translation < 0.1 && off.rotation < 0.02, "{off:?}");
+        assert!((28..=34).contains(&found[0].inliers), "{found:?}");
+        assert!(found[1..].iter().all(|h| h.inliers < 12), "{found:?}");
+    }
+
+    #[test]
+    fn a_twin_is_a_cluster_of_its_own() {
+        let twins = [
+            Pose::from_translation([0.0, 40.0, 0.0]),
+            Pose::from_rotation_vector([0.0, 0.0, std::f64::consts::PI], [30.0, 0.0, 0.0]),
+        ];
+        let all = pairs(&twins, 25, 500, 0.05);
+        let found = poses(&all, &GraphConfig::default(), 0.2, &anything);
+        for twin in &twins {
+            let near =
+                |h: &&Hypothesis| h.map_from_query.distance(twin, [0.0; 3]).translation < 0.1;
+            assert!(found[..2].iter().any(|h| near(&h)), "{found:?}");
+        }
+        // What is not plausible is left out, and the other one stays.
+        let only = |p: &Pose| p.translation()[1] > 20.0;
+        let found = poses(&all, &GraphConfig::default(), 0.2, &only);
+        let off = found[0].map_from_query.distance(&twins[0], [0.0; 3]);
+        assert!(off.translation < 0.1, "{off:?}");
+    }
+
+    #[test]
+    fn neither_nothing_nor_noise_is_a_place() {
+        let config = GraphConfig::default();
+        assert!(poses(&[], &config, 0.2, &anything).is_empty());
+        let noise = pairs(&[], 0, 400, 0.0);
+        let found = poses(&noise, &config, 0.2, &anything);
+        assert!(found.iter().all(|h| h.inliers < 10), "{found:?}");
+        let one = pairs(&[Pose::identity()], 1, 0, 0.0);
+        assert!(poses(&one, &config, 0.2, &anything).is_empty());
+        // The same pair many times over.
+        assert!(poses(&vec![one[0]; 100], &config, 0.2, &anything).is_empty());
+    }
+
+    #[test]
+    fn threads_change_nothing() {
+        let all = pairs(&[Pose::from_translation([1.0, 2.0, 3.0])], 40, 800, 0.05);
+        let run = |threads| {
+            rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .unwrap()
+                .install(|| poses(&all, &GraphConfig::default(), 0.2, &anything))
+        };
+        assert_eq!(run(1), run(3));
+    }
+}

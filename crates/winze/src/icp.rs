@@ -318,7 +318,7 @@ mod tests {
         for (kernel, trim) in [
             (Kernel::GemanMcClure, 1.0),
             (Kernel::Huber, 1.0),
-            (Kernel::GemanMcClure, 0.8),
+            (Kernel::GemanMcClure, 0.7),
         ] {
             let robust = run(kernel, trim);
             assert!(

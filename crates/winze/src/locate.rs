@@ -24,7 +24,8 @@ use crate::prepare::Surface;
 use crate::refine::{Refined, StopReason, keep_better};
 use crate::region::Region;
 use crate::verify::{
-    Candidate, Judgement, ask_relief, fit, insufficient, judge, judge_against, rank, same_place,
+    Candidate, Judgement, ask_relief, fit, hopeful, insufficient, judge, judge_against, rank,
+    same_place,
 };
 use crate::{graph, icp, ndt, ransac, scale};
 
@@ -176,7 +177,7 @@ impl Run<'_> {
             [lead, _, ..] => self.weigh_rivals(map, query, lead, &candidates, verify),
             _ => self.stage("verify", candidates.len(), || {
                 let mut ranked = candidates;
-                ask_relief(&mut ranked, map, &query.surface, verify);
+                ask_relief(&mut ranked, map, &query.surface, verify, None);
                 let judgement = judge(&ranked, map, &query.surface, verify);
                 let n = ranked.len();
                 ((ranked, judgement), n)
@@ -292,7 +293,7 @@ impl Run<'_> {
             refined.retain(|c| !at_home(c) && request.plausible(&c.map_from_query, centroid));
             let mut ranked = rank(refined, query, verify, map.voxel);
             ranked.insert(0, lead);
-            ask_relief(&mut ranked, map, query, verify);
+            ask_relief(&mut ranked, map, query, verify, None);
             let judgement = judge_against(&ranked, finest, map, query, verify);
             let n = ranked.len();
             ((ranked, judgement), n)
@@ -607,23 +608,6 @@ pub(crate) fn candidate(
         relief: None,
         stop,
     }
-}
-
-/// Which candidates are worth the last refinement: the first always, on which the paper's methods
-/// build, and all that fit within [`VerifyConfig::hopeless_residual`] times the finest of those with
-/// enough overlap. Those that no refiner has seen are all worth it.
-fn hopeful(candidates: &[Candidate], verify: &VerifyConfig) -> Vec<bool> {
-    let finest = candidates
-        .iter()
-        .filter(|c| c.fit.overlap >= verify.min_overlap)
-        .map(|c| c.fit.median_point_to_plane)
-        .fold(f64::INFINITY, f64::min);
-    let limit = verify.hopeless_residual * finest;
-    candidates
-        .iter()
-        .enumerate()
-        .map(|(i, c)| i == 0 || c.stop.is_none() || c.fit.median_point_to_plane <= limit)
-        .collect()
 }
 
 pub(crate) fn point_to_plane(config: &IcpConfig) -> IcpConfig {

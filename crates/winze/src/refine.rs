@@ -162,6 +162,7 @@ mod tests {
             let candidate = |r: &Refined| Candidate {
                 map_from_query: r.map_from_query,
                 fit: verify::fit(&map, &query, &r.map_from_query, &VerifyConfig::default()),
+                relief: None,
                 stop: Some(r.stop),
             };
             let error = |c: &Candidate| c.map_from_query.distance(&truth, centroid).translation;
@@ -229,6 +230,7 @@ mod tests {
                 Candidate {
                     map_from_query: pose,
                     fit: verify::fit(&map, &query, &pose, &config),
+                    relief: None,
                     stop: None,
                 }
             };

@@ -10,10 +10,14 @@
 //! other it would be one in seventeen; shape that does not cancel, such as the foot of a wall, leaves a patch only the drift's
 //! direction to move in, which makes it [one in three](BY_CHANCE) at most by chance.
 
+use rustc_hash::FxHashMap;
+
+use crate::config::IcpConfig;
+use crate::icp;
 use crate::parallel;
 use crate::pose::Pose;
 use crate::prepare::Surface;
-use crate::vec3::{cross, dot, norm, scale, sub};
+use crate::vec3::{cross, dot, norm, scale, sub, voxel_of};
 
 /// What the patches said about one pose.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -72,6 +76,14 @@ pub struct Patch {
     normal: [f64; 3],
 }
 
+impl Patch {
+    /// Mean of its points, as an offset.
+    #[must_use]
+    pub fn centre(&self) -> [f64; 3] {
+        self.centre
+    }
+}
+
 /// The patches of `query`, of about `size` metres, at most `most` of them, evenly chosen.
 #[must_use]
 pub fn patches(query: &Surface<'_>, size: f64, most: usize) -> Vec<Patch> {
@@ -79,7 +91,7 @@ pub fn patches(query: &Surface<'_>, size: f64, most: usize) -> Vec<Patch> {
         .zip(query.points.iter().zip(query.normals.iter()))
         .filter(|(_, (_, n))| **n != [0.0; 3])
         .map(|(i, (p, n))| {
-            let cell = crate::vec3::voxel_of(p.map(f64::from), size);
+            let cell = voxel_of(p.map(f64::from), size);
             // Floor and wall meet in one cell; the sides a normal can face keep them apart.
             let axis = (0..3)
                 .max_by(|&a, &b| n[a].abs().total_cmp(&n[b].abs()))
@@ -127,27 +139,69 @@ pub fn patches(query: &Surface<'_>, size: f64, most: usize) -> Vec<Patch> {
     all.into_iter().step_by(stride).collect()
 }
 
-/// Asks `patches` of `query` whether `map_from_query` puts them on the rock they were seen on. `lengths`, metres: by how much each is
-/// moved to see whether it lies as finely there, and how far from it the map's surface may lie.
+/// Asks `patches` of a query with offsets from `query_origin` whether the pose of each (`map_from_query`) puts it on the rock it was seen
+/// on. `lengths`, metres: by how much each is moved to see whether it lies as finely there, and how far from it the
+/// map's surface may lie.
 #[must_use]
 pub fn ask(
     map: &Surface<'_>,
-    query: &Surface<'_>,
+    query_origin: [f64; 3],
     patches: &[Patch],
-    map_from_query: &Pose,
+    pose_of: &(dyn Fn(&Patch) -> Pose + Sync),
     lengths: [f64; 2],
 ) -> Relief {
-    let pose = map_from_query.between_origins(map.origin, query.origin);
-    let answers = parallel::map_with(
-        patches.len(),
-        || (),
-        |(), i| confirms(map, &patches[i], &pose, lengths),
-    );
+    let answers = parallel::map_each(patches, |patch| {
+        let pose = pose_of(patch).between_origins(map.origin, query_origin);
+        confirms(map, patch, &pose, lengths)
+    });
     let answers = answers.into_iter().flatten();
     answers.fold(Relief::default(), |r, yes| Relief {
         asked: r.asked + 1,
         confirmed: r.confirmed + usize::from(yes),
     })
+}
+
+/// The poses of pieces of the query of `size` metres, each refined on its own from `map_from_query`: what odometry has bent lies straight
+/// on the map piece by piece. A piece that would move by more than `most` metres stays where it was.
+#[must_use]
+pub fn unbent(
+    map: &Surface<'_>,
+    query: &Surface<'_>,
+    map_from_query: &Pose,
+    config: &IcpConfig,
+    [size, most]: [f64; 2],
+) -> FxHashMap<[i64; 3], Pose> {
+    let mut pieces: FxHashMap<[i64; 3], Vec<u32>> = FxHashMap::default();
+    for (i, p) in (0u32..).zip(query.points.iter()) {
+        let cell = voxel_of(p.map(f64::from), size);
+        pieces.entry(cell).or_default().push(i);
+    }
+    let mut cells: Vec<([i64; 3], Vec<u32>)> = pieces.into_iter().collect();
+    cells.sort_unstable();
+    let refined = parallel::map_each(&cells, |(cell, indices)| {
+        let of = |of: &[[f32; 3]]| -> Vec<[f32; 3]> {
+            indices.iter().map(|i| of[*i as usize]).collect()
+        };
+        let piece = Surface {
+            origin: query.origin,
+            voxel: query.voxel,
+            points: of(&query.points).into(),
+            normals: of(&query.normals).into(),
+            ..Surface::default()
+        };
+        let refined = icp::align(map, &piece, map_from_query, config).map_from_query;
+        let centre = piece.centroid().unwrap_or_default();
+        let moved = refined.distance(map_from_query, centre).translation;
+        (
+            *cell,
+            if moved <= most {
+                refined
+            } else {
+                *map_from_query
+            },
+        )
+    });
+    refined.into_iter().collect()
 }
 
 /// Whether a patch lies most finely where the pose puts it; `None` where the map has too little surface around.
@@ -254,4 +308,86 @@ fn about_plane(points: &[[f64; 3]]) -> f64 {
     }
     let (a, b) = ((xz * yy - yz * xy) / det, (yz * xx - xz * xy) / det);
     (zz - a * xz - b * yz).max(0.0) / n
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_world::{drift, surface};
+
+    const LENGTHS: [f64; 2] = [0.75, 0.6];
+
+    fn asked(map: &Surface<'_>, query: &Surface<'_>, pose: Pose) -> Relief {
+        let patches = patches(query, 1.5, 300);
+        ask(map, query.origin, &patches, &|_| pose, LENGTHS)
+    }
+
+    #[test]
+    fn the_rock_knows_its_place_and_no_other() {
+        let map = surface(&drift(120_000, 40.0, 0.3, 0.01, 1), 0.15);
+        let part: Vec<[f64; 3]> = drift(120_000, 40.0, 0.3, 0.01, 2)
+            .into_iter()
+            .filter(|p| p[0] > 5.0 && p[0] < 25.0)
+            .collect();
+        let query = surface(&part, 0.15);
+        let right = asked(&map, &query, Pose::identity());
+        assert!(right.asked > 60 && right.share() > 0.8, "{right:?}");
+        assert!(right.significance() > 8.0);
+        // A few centimetres off it is still the same rock, ten metres on it is not, and where there is no map nothing is asked.
+        let near = asked(&map, &query, Pose::from_translation([0.05, -0.04, 0.03]));
+        assert!(near.share() > 0.7, "{near:?}");
+        for metres in [-4.0, 6.0, 11.0] {
+            let wrong = asked(&map, &query, Pose::from_translation([metres, 0.0, 0.0]));
+            assert!(wrong.asked > 30 && wrong.significance() < 1.0, "{wrong:?}");
+        }
+        let nowhere = asked(&map, &query, Pose::from_translation([500.0, 0.0, 0.0]));
+        assert_eq!(nowhere, Relief::default());
+        assert_eq!((nowhere.share(), nowhere.excess()), (0.0, 0.0));
+        assert!(nowhere.significance() == 0.0);
+    }
+
+    #[test]
+    fn a_bare_tube_says_no_more_than_chance() {
+        let map = surface(&drift(120_000, 40.0, 0.0, 0.01, 1), 0.15);
+        let query = surface(&drift(60_000, 20.0, 0.0, 0.01, 2), 0.15);
+        let bare = asked(&map, &query, Pose::from_translation([10.0, 0.0, 0.0]));
+        assert!(bare.asked > 60 && bare.significance() < 1.0, "{bare:?}");
+    }
+
+    /// A query bent to an arc lies on the map nowhere as a whole, but piece by piece.
+    #[test]
+    fn a_bent_query_is_confirmed_piece_by_piece() {
+        let map = surface(&drift(160_000, 50.0, 0.3, 0.01, 1), 0.15);
+        let bent: Vec<[f64; 3]> = drift(120_000, 45.0, 0.3, 0.01, 2)
+            .into_iter()
+            .map(|[x, y, z]| {
+                let off = (x - 22.0) / 22.0;
+                [x, y + 0.45 * off * off - 0.2, z]
+            })
+            .collect();
+        let query = surface(&bent, 0.15);
+        let rigid = asked(&map, &query, Pose::identity());
+        let config = IcpConfig {
+            metric: crate::config::IcpMetric::PointToPlane,
+            ..IcpConfig::default()
+        };
+        let pieces = [6.0, 0.6];
+        let poses = unbent(&map, &query, &Pose::identity(), &config, pieces);
+        let patches = patches(&query, 1.5, 300);
+        let pose_of = |p: &Patch| poses[&voxel_of(p.centre(), pieces[0])];
+        let piecewise = ask(&map, query.origin, &patches, &pose_of, LENGTHS);
+        assert!(
+            piecewise.share() > rigid.share() + 0.1 && piecewise.share() > 0.7,
+            "{rigid:?} {piecewise:?}"
+        );
+    }
+
+    #[test]
+    fn few_points_make_no_patches() {
+        let few = surface(&drift(60, 20.0, 0.3, 0.01, 2), 0.2);
+        assert!(patches(&few, 2.0, 100).is_empty());
+        let many = surface(&drift(60_000, 20.0, 0.3, 0.01, 2), 0.2);
+        assert!(patches(&many, 2.0, 10).len() <= 10);
+        assert!(patches(&Surface::default(), 2.0, 10).is_empty());
+    }
 }

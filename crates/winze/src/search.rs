@@ -15,7 +15,9 @@ use crate::icp;
 use crate::kept::{KeptMap, KeptQuery};
 use crate::locate::{Attempt, Run, candidate, point_to_plane};
 use crate::outcome::Verdict;
-use crate::verify::{Candidate, Judgement, by_evidence, confirmed, judge, rank, same_place};
+use crate::verify::{
+    Candidate, Judgement, by_evidence, confirmed, hopeful, judge, rank, same_place,
+};
 
 impl Run<'_> {
     /// `sizes` are the voxel sizes to look at, the best guess first.
@@ -81,19 +83,17 @@ impl Run<'_> {
         let found = if voxel > finest {
             let icp_config = point_to_plane(&config.icp);
             self.stage("polish", found.len(), || {
-                let polish = |c: &Candidate| {
-                    let refined = icp::align(map, query, &c.map_from_query, &icp_config);
-                    candidate(
-                        refined.map_from_query,
-                        Some(refined.stop),
-                        map,
-                        query,
-                        verify,
-                    )
+                let hopeful = hopeful(&found, verify);
+                let polish = |(c, hopeful): (&Candidate, &bool)| {
+                    let (mut pose, mut stop) = (c.map_from_query, c.stop);
+                    if *hopeful {
+                        let refined = icp::align(map, query, &pose, &icp_config);
+                        (pose, stop) = (refined.map_from_query, Some(refined.stop));
+                    }
+                    candidate(pose, stop, map, query, verify)
                 };
-                let polished: Vec<Candidate> = found.par_iter().map(polish).collect();
-                let n = polished.len();
-                (polished, n)
+                let polished: Vec<Candidate> = found.par_iter().zip(&hopeful).map(polish).collect();
+                (polished, hopeful.iter().filter(|h| **h).count())
             })
         } else {
             found
@@ -117,7 +117,7 @@ impl Run<'_> {
                     None => pool.push(c),
                 }
             }
-            by_evidence(pool, map, query, verify);
+            by_evidence(pool, map, query, verify, &point_to_plane(&config.icp));
             let judgement = judge(pool, map, query, verify);
             let n = pool.len();
             (judgement, n)

@@ -6,7 +6,7 @@
 //! as the best wherever it overlaps is a rival, even where it overlaps less, since a map may simply
 //! end there.
 
-use crate::config::VerifyConfig;
+use crate::config::{IcpConfig, VerifyConfig};
 use crate::degeneracy::{self, Unobservable};
 use crate::icp::{self, Information};
 use crate::outcome::Verdict;
@@ -14,7 +14,8 @@ use crate::parallel;
 use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::refine::{StopReason, sample};
-use crate::relief::{self, Relief};
+use crate::relief::{self, Patch, Relief};
+use crate::vec3::voxel_of;
 
 /// How well the query's surface lies on the map's at one pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -218,24 +219,74 @@ pub fn rank(
     distinct
 }
 
-/// Asks the rock at the best of `ranked` places.
+/// Which candidates are worth the last refinement: the first always, on which the paper's methods
+/// build, and all that fit within [`VerifyConfig::hopeless_residual`] times the finest of those with
+/// enough overlap. Those that no refiner has seen are all worth it.
+pub(crate) fn hopeful(candidates: &[Candidate], config: &VerifyConfig) -> Vec<bool> {
+    let finest = candidates
+        .iter()
+        .filter(|c| c.fit.overlap >= config.min_overlap)
+        .map(|c| c.fit.median_point_to_plane)
+        .fold(f64::INFINITY, f64::min);
+    let limit = config.hopeless_residual * finest;
+    candidates
+        .iter()
+        .enumerate()
+        .map(|(i, c)| i == 0 || c.stop.is_none() || c.fit.median_point_to_plane <= limit)
+        .collect()
+}
+
+/// Asks the rock at the best of `ranked` places, but for the hopeless. Where it confirms none of them and a `bend` is given, the query may have been bent by
+/// odometry, and the first few are asked again, piece by piece.
 pub(crate) fn ask_relief(
     ranked: &mut [Candidate],
     map: &Surface<'_>,
     query: &Surface<'_>,
     config: &VerifyConfig,
+    bend: Option<&IcpConfig>,
 ) {
-    let size = config.patch_size.metres(map.voxel);
     let lengths = [
         config.patch_step.metres(map.voxel),
         config.patch_reach.metres(map.voxel),
     ];
+    let size = config.patch_size.metres(map.voxel);
     let patches = relief::patches(query, size, config.patches);
-    for c in ranked.iter_mut().take(config.refined) {
-        c.relief
-            .get_or_insert_with(|| relief::ask(map, query, &patches, &c.map_from_query, lengths));
+    let ask = |pose_of: &(dyn Fn(&Patch) -> Pose + Sync)| {
+        relief::ask(map, query.origin, &patches, pose_of, lengths)
+    };
+    let hopeful = hopeful(ranked, config);
+    for (c, hopeful) in ranked.iter_mut().take(config.refined).zip(hopeful) {
+        if !hopeful {
+            continue;
+        }
+        let pose = c.map_from_query;
+        c.relief.get_or_insert_with(|| ask(&|_| pose));
+    }
+    let Some(icp) = bend else { return };
+    if ranked.iter().any(|c| confirmed(c, config)) {
+        return;
+    }
+    let pieces = [
+        config.piece_size.metres(map.voxel),
+        config.patch_reach.metres(map.voxel),
+    ];
+    for c in ranked.iter_mut().take(UNBENT) {
+        let pose = c.map_from_query;
+        let poses = relief::unbent(map, query, &pose, icp, pieces);
+        let bent = ask(&|p: &Patch| {
+            let cell = voxel_of(p.centre(), pieces[0]);
+            poses.get(&cell).copied().unwrap_or(pose)
+        });
+        if c.relief
+            .is_none_or(|rigid| bent.significance() > rigid.significance())
+        {
+            c.relief = Some(bent);
+        }
     }
 }
+
+/// Places that are asked piece by piece.
+const UNBENT: usize = 2;
 
 /// Whether enough of the rock says that it is the same.
 pub(crate) fn confirmed(candidate: &Candidate, config: &VerifyConfig) -> bool {
@@ -251,9 +302,10 @@ pub(crate) fn by_evidence(
     map: &Surface<'_>,
     query: &Surface<'_>,
     config: &VerifyConfig,
+    icp: &IcpConfig,
 ) {
     pool.sort_by(|a, b| b.fit.fitness.total_cmp(&a.fit.fitness));
-    ask_relief(pool, map, query, config);
+    ask_relief(pool, map, query, config, Some(icp));
     let excess = |c: &Candidate| {
         if confirmed(c, config) {
             c.relief.map_or(0.0, |r| r.excess())
@@ -348,9 +400,15 @@ pub(crate) fn judge_against(
         config.overlap_distance.metres(map.voxel),
         config.max_points,
     );
+    // Rock that lies finest unmoved resists being moved, however little its normals say so.
+    let least = if sure {
+        config.min_information_confirmed
+    } else {
+        config.min_information
+    };
     let open: Vec<Unobservable> = degeneracy::directions(&information)
         .into_iter()
-        .filter(|d| d.information < config.min_information)
+        .filter(|d| d.information < least)
         .collect();
     let is_rival = |c: &&Candidate| {
         if sure {
@@ -484,9 +542,18 @@ mod tests {
         );
         let ranked = rank(vec![wrong, right], &query, &config, 0.2);
         assert_eq!(ranked[0], right);
-        let verdict = |ranked: &[Candidate]| judge(ranked, &map, &query, &config).verdict;
+        let verdict = |ranked: &[Candidate]| {
+            let mut ranked = ranked.to_vec();
+            ask_relief(&mut ranked, &map, &query, &config, None);
+            judge(&ranked, &map, &query, &config).verdict
+        };
         assert_eq!(verdict(&ranked), Verdict::Located);
         assert_eq!(verdict(&[]), Verdict::NotFound);
+        assert_eq!(
+            judge(&ranked, &map, &query, &config).verdict,
+            Verdict::Insufficient,
+            "the shape alone is not believed"
+        );
         assert_eq!(
             verdict(&[wrong]),
             Verdict::NotFound,
@@ -530,7 +597,10 @@ mod tests {
             candidate(&map, &query, Pose::identity()),
             candidate(&map, &query, Pose::from_translation([0.0, 20.0, 0.0])),
         ];
-        let judged = judge(&rank(twins, &query, &config, 0.2), &map, &query, &config);
+        let mut twins = rank(twins, &query, &config, 0.2);
+        ask_relief(&mut twins, &map, &query, &config, None);
+        assert!(twins.iter().all(|c| confirmed(c, &config)), "{twins:?}");
+        let judged = judge(&twins, &map, &query, &config);
         assert_eq!(judged.verdict, Verdict::Ambiguous, "{}", judged.reason);
         let bare = surface(&drift(90_000, 40.0, 0.0, 0.005, 1), 0.2);
         let part: Vec<[f64; 3]> = drift(90_000, 40.0, 0.0, 0.005, 2)
@@ -538,12 +608,10 @@ mod tests {
             .filter(|p| p[0] > 10.0 && p[0] < 25.0)
             .collect();
         let query = surface(&part, 0.2);
-        let judged = judge(
-            &[candidate(&bare, &query, Pose::identity())],
-            &bare,
-            &query,
-            &config,
-        );
+        let mut found = [candidate(&bare, &query, Pose::identity())];
+        ask_relief(&mut found, &bare, &query, &config, None);
+        assert!(!confirmed(&found[0], &config), "{found:?}");
+        let judged = judge(&found, &bare, &query, &config);
         assert_eq!(judged.verdict, Verdict::Degenerate, "{}", judged.reason);
         assert!(judged.unobservable.unwrap()[0].direction[0].abs() > 0.99);
     }

@@ -239,12 +239,16 @@ section! {
         hopeless_residual: f64 = 4.0, Between(1.0, 1e6);
         /// Information (a pair's share) below which a direction is unobservable.
         min_information: f64 = 0.01, Between(0.0, 1.0);
+        /// The same where the rock has confirmed the place, and so resists.
+        min_information_confirmed: f64 = 0.001, Between(0.0, 1.0);
         /// Size of the patches of wall that are asked whether they lie on the rock they were seen on,
         patch_size: Length = Length::Voxels(10.0), UpTo(LONGEST);
         /// how far each is moved to see whether it lies as finely there,
         patch_step: Length = Length::Voxels(5.0), UpTo(LONGEST);
         /// how far from it the map's surface may lie,
         patch_reach: Length = Length::Voxels(4.0), UpTo(LONGEST);
+        /// size of the pieces of a bent query, each of which finds its own place,
+        piece_size: Length = Length::Voxels(40.0), UpTo(LONGEST);
         /// and how many patches are asked at most.
         patches: usize = 300, Between(1.0, 1e6);
         /// Patches that must have been asked for a place to be believed,
