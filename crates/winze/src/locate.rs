@@ -292,6 +292,14 @@ impl Run<'_> {
                 .fold(f64::INFINITY, f64::min);
             refined.retain(|c| !at_home(c) && request.plausible(&c.map_from_query, centroid));
             let mut ranked = rank(refined, query, verify, map.voxel);
+            // The rock is asked about the place, which an unrefined pose may miss by more than a patch bears.
+            let mut home = [lead, own];
+            ask_relief(&mut home, map, query, verify, None);
+            let surest = |c: &Candidate| c.relief.map_or(f64::NEG_INFINITY, |r| r.significance());
+            let [mut lead, own] = home;
+            if surest(&own) > surest(&lead) {
+                lead.relief = own.relief;
+            }
             ranked.insert(0, lead);
             ask_relief(&mut ranked, map, query, verify, None);
             let judgement = judge_against(&ranked, finest, map, query, verify);
