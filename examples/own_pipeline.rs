@@ -93,11 +93,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             verify::Candidate {
                 map_from_query: refined.map_from_query,
                 fit: verify::fit(&map, &query, &refined.map_from_query, &config.verify),
+                relief: None,
                 stop: Some(refined.stop),
             }
         })
         .collect();
-    let ranked = verify::rank(candidates, &query, &config.verify, voxel);
+    let mut ranked = verify::rank(candidates, &query, &config.verify, voxel);
+    verify::ask_relief(&mut ranked, &map, &query, &config.verify, Some(&fine));
     let judged = verify::judge(&ranked, &map, &query, &config.verify);
     println!("{}: {}", judged.verdict, judged.reason);
     if let Some(best) = ranked.first() {

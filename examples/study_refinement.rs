@@ -91,6 +91,7 @@ impl Prepared<'_> {
 
     fn candidate(&self, pose: Pose, config: &Config) -> Candidate {
         Candidate {
+            relief: None,
             map_from_query: pose,
             fit: fit(self.map, &self.query, &pose, &config.verify),
             stop: None,

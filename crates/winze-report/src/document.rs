@@ -26,7 +26,16 @@ struct HypothesisRow {
     median_point_to_plane: Option<f64>,
     inlier_fraction: f64,
     overlap: f64,
+    /// Patches of wall asked whether it is the same rock, and those that say yes; null where none was asked.
+    patches: Option<PatchesRow>,
     stop: Option<StopReason>,
+}
+
+/// What the rock says of a place.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+struct PatchesRow {
+    asked: usize,
+    confirmed: usize,
 }
 
 /// What was known or said beforehand, in the document's `request`.
@@ -118,6 +127,10 @@ impl Document {
                     median_point_to_plane: h.median_point_to_plane,
                     inlier_fraction: h.inlier_fraction,
                     overlap: h.overlap,
+                    patches: h.relief.map(|r| PatchesRow {
+                        asked: r.asked,
+                        confirmed: r.confirmed,
+                    }),
                     stop: h.stop,
                 })
                 .collect(),

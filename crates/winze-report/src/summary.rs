@@ -63,17 +63,19 @@ pub fn summary(outcome: &Outcome, error: Option<&PoseDistance>) -> String {
     if outcome.hypotheses.len() > 1 {
         let _ = writeln!(
             out,
-            "\nplaces weighed   overlap  finely  median residual   centroid in the map"
+            "\nplaces weighed   overlap  finely  median residual      same rock   centroid in the map"
         );
         for h in outcome.hypotheses.iter().take(8) {
             let at = centre(outcome, h);
             let _ = writeln!(
                 out,
-                "               {:>7.1} % {:>5.1} %   {:>12} m   {at}",
+                "               {:>7.1} % {:>5.1} %   {:>12} m   {:>12}   {at}",
                 100.0 * h.overlap,
                 100.0 * h.score,
                 h.median_point_to_plane
                     .map_or("-".into(), |m| format!("{m:.4}")),
+                h.relief
+                    .map_or("-".into(), |r| format!("{} of {}", r.confirmed, r.asked)),
             );
         }
     }

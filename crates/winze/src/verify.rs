@@ -236,9 +236,10 @@ pub(crate) fn hopeful(candidates: &[Candidate], config: &VerifyConfig) -> Vec<bo
         .collect()
 }
 
-/// Asks the rock at the best of `ranked` places, but for the hopeless. Where it confirms none of them and a `bend` is given, the query may have been bent by
-/// odometry, and the first few are asked again, piece by piece.
-pub(crate) fn ask_relief(
+/// Asks the rock ([`relief`]) at the best of `ranked` places, [`VerifyConfig::refined`] of them, but for the hopeless. Where it
+/// confirms none of them and a `bend` is given, the query may have been bent by odometry, and the first two are asked again, piece by piece, each
+/// piece refined as that says. Places that were asked before keep what they know.
+pub fn ask_relief(
     ranked: &mut [Candidate],
     map: &Surface<'_>,
     query: &Surface<'_>,
@@ -340,7 +341,7 @@ pub fn same_place(
 /// The rules, in order. Fewer than [`VerifyConfig::min_points`] query points with a normal: `insufficient`. No
 /// candidate: `not_found`.
 ///
-/// Where the rock says that it is the same place ([`relief`](crate::relief), [`VerifyConfig::min_significance`]): a rival of which it
+/// Where the rock says that it is the same place ([`relief`], [`VerifyConfig::min_significance`]): a rival of which it
 /// says so too, with [`VerifyConfig::rival_excess`] of the best's excess: `ambiguous`. A direction with less than
 /// [`VerifyConfig::min_information`]: `degenerate`. Else `located`.
 ///
