@@ -11,7 +11,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use crate::cloud::Cloud;
-use crate::config::{Config, IcpConfig, IcpMetric, MatchingConfig, VerifyConfig};
+use crate::config::{Config, IcpConfig, IcpMetric, Length, MatchingConfig, VerifyConfig};
 use crate::error::{Error, Result};
 use crate::features::Features;
 use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt, Refiner};
@@ -73,6 +73,7 @@ pub fn locate_in(
         config,
         request,
         begun: Instant::now(),
+        width: None,
         map_seconds: 0.0,
         stages: Vec::new(),
     };
@@ -125,6 +126,8 @@ pub(crate) struct Run<'a> {
     pub(crate) config: &'a Config,
     pub(crate) request: &'a Request<'a>,
     begun: Instant,
+    /// How wide the map's passages are, metres, where that was measured.
+    width: Option<f64>,
     /// Spent on the map alone.
     map_seconds: f64,
     stages: Vec<Stage>,
@@ -142,6 +145,7 @@ impl Run<'_> {
             let measure = map.measure(config);
             (measure, usize::from(measure.is_some()))
         })?;
+        self.width = map_measure.width;
         let points = query.limited(config).len();
         let query_measure = self.stage("measure query", points, || {
             let measure = query.measure(config);
@@ -159,6 +163,21 @@ impl Run<'_> {
         Some(chosen.into_iter().map(|i| voxels[i]).collect())
     }
 
+    /// How a pose is verified at a voxel size: patches of wall are no smaller than a share of the passages' width.
+    pub(crate) fn verify_at(&self, voxel: f64) -> VerifyConfig {
+        let verify = &self.config.verify;
+        let (size, step) = (
+            verify.patch_size.metres(voxel),
+            verify.patch_step.metres(voxel),
+        );
+        let wider = (self.width.unwrap_or(0.0) * verify.patch_width / size).max(1.0);
+        VerifyConfig {
+            patch_size: Length::Metres(size * wider),
+            patch_step: Length::Metres(step * wider),
+            ..verify.clone()
+        }
+    }
+
     /// One of the paper's methods at one voxel size.
     fn attempt(
         &mut self,
@@ -166,7 +185,7 @@ impl Run<'_> {
         query: &mut KeptQuery<'_>,
         voxel: f64,
     ) -> Result<Attempt> {
-        let verify = &self.config.verify;
+        let verify = &self.verify_at(voxel);
         let candidates = match self.candidates(map, query, voxel)? {
             Ok(candidates) => candidates,
             Err(judgement) => return Ok(Attempt::refused(voxel, judgement)),

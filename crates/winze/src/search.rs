@@ -67,7 +67,7 @@ impl Run<'_> {
         (voxel, finest): (f64, f64),
     ) -> Result<Judgement> {
         let (config, request) = (self.config, self.request);
-        let verify = &config.verify;
+        let verify = &self.verify_at(finest);
         let points = query.limited(config).len();
         let query = self.stage("prepare query", points, || {
             let at = query.at(finest, config);

@@ -243,6 +243,8 @@ section! {
         min_information_confirmed: f64 = 0.001, Between(0.0, 1.0);
         /// Size of the patches of wall that are asked whether they lie on the rock they were seen on,
         patch_size: Length = Length::Voxels(10.0), UpTo(LONGEST);
+        /// but at least this share of the passages' width (the step grows with it),
+        patch_width: f64 = 0.3, Between(0.0, 10.0);
         /// how far each is moved to see whether it lies as finely there,
         patch_step: Length = Length::Voxels(5.0), UpTo(LONGEST);
         /// how far from it the map's surface may lie,
