@@ -117,10 +117,13 @@ pub fn poses(
             continue;
         };
         explained[seed] = true;
+        if !plausible(&found.map_from_query) {
+            continue;
+        }
         for &i in &inliers {
             explained[i] = true;
         }
-        if plausible(&found.map_from_query) && !kept.iter().any(|k| same(k, &found)) {
+        if !kept.iter().any(|k| same(k, &found)) {
             kept.push(found);
         }
     }

@@ -510,6 +510,8 @@ impl QueryAt {
                     .get_or_insert_with(|| describe(&self.surface, config));
                 let (features, index) = map.describe(config)?;
                 let found = match_indexed(&own.descriptors, &features.descriptors, index, matching);
+                // The paper's methods match one way, `auto` another.
+                known.truncate(1);
                 known.push((Arc::clone(&map.mark), matching.clone(), found));
                 known.len() - 1
             }

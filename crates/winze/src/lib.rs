@@ -44,9 +44,9 @@
 //! | thin, clean, normals | [`prepare::prepare`] | [`Surface`](prepare::Surface) |
 //! | ISS keypoints, FPFH | [`features::describe`] | [`Features`](features::Features) |
 //! | nearest descriptors | [`matching::match_descriptors`] | [`Correspondence`](matching::Correspondence)s |
-//! | RANSAC | [`ransac::estimate`] | [`Hypothesis`](ransac::Hypothesis)es, best first |
+//! | RANSAC; agreement | [`ransac::estimate`]; [`graph::oriented`], [`graph::poses`] | [`Hypothesis`](ransac::Hypothesis)es, best first |
 //! | NDT, ICP | [`ndt::align`], [`icp::align`] | [`Refined`](refine::Refined) |
-//! | dense evidence, verdict | [`verify::fit`], [`verify::judge`] | [`Verdict`] |
+//! | dense evidence, the rock asked, verdict | [`verify::fit`], [`verify::ask_relief`], [`verify::judge`] | [`Verdict`] |
 //!
 //! Where a map is asked more than once, [`locate_in`] with a [`KeptMap`] does the work on it once; a
 //! [`PreparedMap`] keeps it from one day to the next.

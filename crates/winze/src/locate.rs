@@ -316,7 +316,7 @@ impl Run<'_> {
             ask_relief(&mut home, map, query, verify, None);
             let surest = |c: &Candidate| c.relief.map_or(f64::NEG_INFINITY, |r| r.significance());
             let [mut lead, own] = home;
-            if surest(&own) > surest(&lead) {
+            if surest(&own) > surest(&lead) && same_place(&lead, &own, query, verify, map.voxel) {
                 lead.relief = own.relief;
             }
             ranked.insert(0, lead);

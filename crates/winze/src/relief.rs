@@ -17,7 +17,7 @@ use crate::icp;
 use crate::parallel;
 use crate::pose::Pose;
 use crate::prepare::Surface;
-use crate::vec3::{cross, dot, norm, scale, sub, voxel_of};
+use crate::vec3::{add, cross, dot, norm, scale, sub, voxel_of};
 
 /// What the patches said about one pose.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -26,6 +26,8 @@ pub struct Relief {
     pub asked: usize,
     /// Those that lie more finely where they are than moved any way.
     pub confirmed: usize,
+    /// Asked piece by piece, each of which found its own place near the pose.
+    pub piecewise: bool,
 }
 
 impl Relief {
@@ -135,8 +137,11 @@ pub fn patches(query: &Surface<'_>, size: f64, most: usize) -> Vec<Patch> {
         .chunk_by(|a, b| (a.0, a.1) == (b.0, b.1))
         .filter_map(patch)
         .collect();
-    let stride = all.len().div_ceil(most.max(1)).max(1);
-    all.into_iter().step_by(stride).collect()
+    if all.len() <= most {
+        return all;
+    }
+    let chosen = (0..most).filter_map(|i| all.get(i * all.len() / most));
+    chosen.cloned().collect()
 }
 
 /// Asks `patches` of a query with offsets from `query_origin` whether the pose of each (`map_from_query`) puts it on the rock it was seen
@@ -158,11 +163,13 @@ pub fn ask(
     answers.fold(Relief::default(), |r, yes| Relief {
         asked: r.asked + 1,
         confirmed: r.confirmed + usize::from(yes),
+        ..r
     })
 }
 
 /// The poses of pieces of the query of `size` metres, each refined on its own from `map_from_query`: what odometry has bent lies straight
-/// on the map piece by piece. A piece that would move by more than `most` metres stays where it was.
+/// on the map piece by piece. A piece that would move by more than `most` metres stays where it was. With them, how far the pieces moved all
+/// together, metres: the length of their mean displacement, by their points.
 #[must_use]
 pub fn unbent(
     map: &Surface<'_>,
@@ -170,7 +177,7 @@ pub fn unbent(
     map_from_query: &Pose,
     config: &IcpConfig,
     [size, most]: [f64; 2],
-) -> FxHashMap<[i64; 3], Pose> {
+) -> (FxHashMap<[i64; 3], Pose>, f64) {
     let mut pieces: FxHashMap<[i64; 3], Vec<u32>> = FxHashMap::default();
     for (i, p) in (0u32..).zip(query.points.iter()) {
         let cell = voxel_of(p.map(f64::from), size);
@@ -191,17 +198,18 @@ pub fn unbent(
         };
         let refined = icp::align(map, &piece, map_from_query, config).map_from_query;
         let centre = piece.centroid().unwrap_or_default();
-        let moved = refined.distance(map_from_query, centre).translation;
-        (
-            *cell,
-            if moved <= most {
-                refined
-            } else {
-                *map_from_query
-            },
-        )
+        let (from, to) = (map_from_query.transform(centre), refined.transform(centre));
+        let moved = sub(to, from);
+        if norm(moved) > most {
+            return (*cell, *map_from_query, [0.0; 3]);
+        }
+        #[expect(clippy::cast_precision_loss, reason = "a count")]
+        let weight = indices.len() as f64 / query.points.len() as f64;
+        (*cell, refined, scale(moved, weight))
     });
-    refined.into_iter().collect()
+    let mean = refined.iter().fold([0.0; 3], |sum, (.., m)| add(sum, *m));
+    let poses = refined.into_iter().map(|(cell, pose, _)| (cell, pose));
+    (poses.collect(), norm(mean))
 }
 
 /// Whether a patch lies most finely where the pose puts it; `None` where the map has too little surface around.
@@ -372,7 +380,8 @@ mod tests {
             ..IcpConfig::default()
         };
         let pieces = [6.0, 0.6];
-        let poses = unbent(&map, &query, &Pose::identity(), &config, pieces);
+        let (poses, together) = unbent(&map, &query, &Pose::identity(), &config, pieces);
+        assert!(together < 0.1, "{together}");
         let patches = patches(&query, 1.5, 300);
         let pose_of = |p: &Patch| poses[&voxel_of(p.centre(), pieces[0])];
         let piecewise = ask(&map, query.origin, &patches, &pose_of, LENGTHS);

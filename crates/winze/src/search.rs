@@ -15,9 +15,7 @@ use crate::icp;
 use crate::kept::{KeptMap, KeptQuery};
 use crate::locate::{Attempt, Run, candidate, point_to_plane};
 use crate::outcome::Verdict;
-use crate::verify::{
-    Candidate, Judgement, by_evidence, confirmed, hopeful, judge, rank, same_place,
-};
+use crate::verify::{Candidate, Judgement, by_evidence, confirmed, hopeful, judge, rank};
 
 impl Run<'_> {
     /// `sizes` are the voxel sizes to look at, the best guess first.
@@ -101,22 +99,8 @@ impl Run<'_> {
         let centroid = query.centroid().unwrap_or_default();
         Ok(self.stage("verify", found.len(), || {
             let plausible = |c: &Candidate| request.plausible(&c.map_from_query, centroid);
-            let new = rank(
-                found.into_iter().filter(plausible).collect(),
-                query,
-                verify,
-                finest,
-            );
-            for c in new {
-                match pool
-                    .iter_mut()
-                    .find(|p| same_place(p, &c, query, verify, finest))
-                {
-                    Some(known) if known.fit.fitness < c.fit.fitness => *known = c,
-                    Some(_) => {}
-                    None => pool.push(c),
-                }
-            }
+            pool.extend(found.into_iter().filter(plausible));
+            *pool = rank(std::mem::take(pool), query, verify, finest);
             by_evidence(pool, map, query, verify, &point_to_plane(&config.icp));
             let judgement = judge(pool, map, query, verify);
             let n = pool.len();

@@ -273,7 +273,14 @@ pub fn ask_relief(
     ];
     for c in ranked.iter_mut().take(UNBENT) {
         let pose = c.map_from_query;
-        let poses = relief::unbent(map, query, &pose, icp, pieces);
+        if c.relief.is_none_or(|r| r.piecewise) {
+            continue;
+        }
+        let (poses, together) = relief::unbent(map, query, &pose, icp, pieces);
+        // Pieces that all move one way say that the pose is wrong, not that the query is bent.
+        if together > config.merge_distance.metres(map.voxel) {
+            continue;
+        }
         let bent = ask(&|p: &Patch| {
             let cell = voxel_of(p.centre(), pieces[0]);
             poses.get(&cell).copied().unwrap_or(pose)
@@ -281,7 +288,10 @@ pub fn ask_relief(
         if c.relief
             .is_none_or(|rigid| bent.significance() > rigid.significance())
         {
-            c.relief = Some(bent);
+            c.relief = Some(Relief {
+                piecewise: true,
+                ..bent
+            });
         }
     }
 }
@@ -412,19 +422,25 @@ pub(crate) fn judge_against(
         .filter(|d| d.information < least)
         .collect();
     let is_rival = |c: &&Candidate| {
-        if sure {
-            let excess = c.relief.map_or(0.0, |r| r.excess());
-            return confirmed(c, config) && excess >= config.rival_excess * relief.excess();
+        // One that could not be asked is judged by its shape.
+        let asked = c.relief.filter(|r| r.asked >= config.min_patches);
+        if let (true, Some(r)) = (sure, asked) {
+            return confirmed(c, config) && r.excess() >= config.rival_excess * relief.excess();
         }
         c.fit.overlap >= config.rival_overlap * fit.overlap
             && c.fit.median_point_to_plane <= config.rival_residual * finest
     };
     let rivals = ranked[1..].iter().filter(is_rival).count();
     let asked = format!(
-        "of {} patches of wall {} ({:.0} %) lie finest where they are",
+        "of {} patches of wall {} ({:.0} %) lie finest where they are{}",
         relief.asked,
         relief.confirmed,
-        100.0 * relief.share()
+        100.0 * relief.share(),
+        if relief.piecewise {
+            ", piece by piece"
+        } else {
+            ""
+        }
     );
     let (verdict, reason) = if rivals > 0 {
         let reason = format!(
@@ -432,13 +448,10 @@ pub(crate) fn judge_against(
             if rivals == 1 { "" } else { "s" },
             if rivals == 1 { "s" } else { "" },
             if sure {
-                format!(
-                    "{asked}, and at least {:.0} % of what exceeds chance there",
-                    100.0 * config.rival_excess
-                )
+                format!("{asked}, and enough of them elsewhere too")
             } else {
                 format!(
-                    "as finely on at least {:.0} % of the overlap, and {asked}, which tells none of them apart",
+                    "as finely on at least {:.0} % of the overlap, and {asked}, too few to tell",
                     100.0 * config.rival_overlap
                 )
             }
@@ -446,14 +459,19 @@ pub(crate) fn judge_against(
         (Verdict::Ambiguous, reason)
     } else if let Some(d) = open.first() {
         let reason = format!(
-            "nothing in the geometry resists {} ({:.2}, {:.2}, {:.2})",
+            "nothing in the geometry resists {} ({:.2}, {:.2}, {:.2}); {asked}{}",
             match d.kind {
                 degeneracy::DirectionKind::Translation => "sliding along",
                 degeneracy::DirectionKind::Rotation => "turning about",
             },
             d.direction[0],
             d.direction[1],
-            d.direction[2]
+            d.direction[2],
+            if sure {
+                ""
+            } else {
+                ", so that the place rests on its shape alone"
+            }
         );
         (Verdict::Degenerate, reason)
     } else if sure {
@@ -476,7 +494,7 @@ pub(crate) fn judge_against(
         (Verdict::Insufficient, reason)
     } else {
         let reason = format!(
-            "the shape fits, but not the rock: {asked}, no more than chance gives (33 % and {:.1} standard deviations)",
+            "the shape fits, but not the rock: {asked}, not enough more than chance gives (33 % and {:.1} standard deviations)",
             config.min_significance
         );
         (Verdict::NotFound, reason)
