@@ -69,8 +69,6 @@ pub fn oriented(
         .collect()
 }
 
-/// Poses that differ by less than this angle, radians (15°), and by less than the distinct distance are one.
-const SAME_ANGLE: f64 = 0.261_799_388;
 /// Normals of an inlier agree to within the arc cosine of this (about 30°).
 const NORMALS_AGREE: f64 = 0.866;
 /// Seeds that are followed at most.
@@ -96,10 +94,6 @@ pub fn poses(
     let middle: [f64; 3] = std::array::from_fn(|a| {
         pairs.iter().map(|p| p.query[0][a]).sum::<f64>() / pairs.len().max(1) as f64
     });
-    let same = |a: &Hypothesis, b: &Hypothesis| {
-        let d = a.map_from_query.distance(&b.map_from_query, middle);
-        d.translation < merge && d.rotation < SAME_ANGLE
-    };
     let mut kept: Vec<Hypothesis> = Vec::new();
     let mut explained = vec![false; pairs.len()];
     for seed in graph.seeds() {
@@ -123,7 +117,7 @@ pub fn poses(
         for &i in &inliers {
             explained[i] = true;
         }
-        if !kept.iter().any(|k| same(k, &found)) {
+        if !kept.iter().any(|k| k.same_place(&found, middle, merge)) {
             kept.push(found);
         }
     }

@@ -70,14 +70,6 @@ pub(crate) fn map_with<S, T: Send>(
     out
 }
 
-/// One value for each of a few things that are much work each, in order.
-pub(crate) fn map_each<T: Sync, R: Send>(
-    things: &[T],
-    f: impl Fn(&T) -> R + Sync + Send,
-) -> Vec<R> {
-    things.par_iter().map(f).collect()
-}
-
 /// The sum over `0..n` of what `f` adds to each chunk's accumulator, chunk by chunk in order.
 pub(crate) fn sum<A: Default + Send>(
     n: usize,

@@ -38,6 +38,12 @@ impl Hypothesis {
         let inliers = self.inliers as f64;
         inliers * (1.0 - self.rmse * self.rmse / (limit * limit))
     }
+
+    /// The two poses differ by less than `merge` metres at the query's point `at`, and by less than 15°.
+    pub(crate) fn same_place(&self, other: &Self, at: [f64; 3], merge: f64) -> bool {
+        let d = self.map_from_query.distance(&other.map_from_query, at);
+        d.translation < merge && d.rotation < SAME_ANGLE
+    }
 }
 
 /// What sampling found.
@@ -282,8 +288,7 @@ fn hypothesis(pairs: &Pairs, pose: Pose, limit: f64) -> Hypothesis {
 
 impl Pairs {
     fn same_place(&self, a: &Hypothesis, b: &Hypothesis) -> bool {
-        let d = a.map_from_query.distance(&b.map_from_query, self.middle);
-        d.translation < self.merge && d.rotation < SAME_ANGLE
+        a.same_place(b, self.middle, self.merge)
     }
 }
 

@@ -10,11 +10,11 @@
 //! other it would be one in seventeen; shape that does not cancel, such as the foot of a wall, leaves a patch only the drift's
 //! direction to move in, which makes it [one in three](BY_CHANCE) at most by chance.
 
+use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use crate::config::IcpConfig;
 use crate::icp;
-use crate::parallel;
 use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::vec3::{add, cross, dot, norm, scale, sub, voxel_of};
@@ -155,16 +155,19 @@ pub fn ask(
     pose_of: &(dyn Fn(&Patch) -> Pose + Sync),
     lengths: [f64; 2],
 ) -> Relief {
-    let answers = parallel::map_each(patches, |patch| {
+    let answer = |patch: &Patch| {
         let pose = pose_of(patch).between_origins(map.origin, query_origin);
         confirms(map, patch, &pose, lengths)
-    });
-    let answers = answers.into_iter().flatten();
-    answers.fold(Relief::default(), |r, yes| Relief {
-        asked: r.asked + 1,
-        confirmed: r.confirmed + usize::from(yes),
-        ..r
-    })
+    };
+    let answers: Vec<Option<bool>> = patches.par_iter().map(answer).collect();
+    answers
+        .into_iter()
+        .flatten()
+        .fold(Relief::default(), |r, yes| Relief {
+            asked: r.asked + 1,
+            confirmed: r.confirmed + usize::from(yes),
+            ..r
+        })
 }
 
 /// The poses of pieces of the query of `size` metres, each refined on its own from `map_from_query`: what odometry has bent lies straight
@@ -185,7 +188,7 @@ pub fn unbent(
     }
     let mut cells: Vec<([i64; 3], Vec<u32>)> = pieces.into_iter().collect();
     cells.sort_unstable();
-    let refined = parallel::map_each(&cells, |(cell, indices)| {
+    let refine = |(cell, indices): &([i64; 3], Vec<u32>)| {
         let of = |of: &[[f32; 3]]| -> Vec<[f32; 3]> {
             indices.iter().map(|i| of[*i as usize]).collect()
         };
@@ -206,7 +209,8 @@ pub fn unbent(
         #[expect(clippy::cast_precision_loss, reason = "a count")]
         let weight = indices.len() as f64 / query.points.len() as f64;
         (*cell, refined, scale(moved, weight))
-    });
+    };
+    let refined: Vec<_> = cells.par_iter().map(refine).collect();
     let mean = refined.iter().fold([0.0; 3], |sum, (.., m)| add(sum, *m));
     let poses = refined.into_iter().map(|(cell, pose, _)| (cell, pose));
     (poses.collect(), norm(mean))

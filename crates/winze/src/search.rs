@@ -78,8 +78,8 @@ impl Run<'_> {
             (at, n)
         })?;
         let map = &map.surface;
+        let icp_config = point_to_plane(&config.icp);
         let found = if voxel > finest {
-            let icp_config = point_to_plane(&config.icp);
             self.stage("polish", found.len(), || {
                 let hopeful = hopeful(&found, verify);
                 let polish = |(c, hopeful): (&Candidate, &bool)| {
@@ -101,7 +101,7 @@ impl Run<'_> {
             let plausible = |c: &Candidate| request.plausible(&c.map_from_query, centroid);
             pool.extend(found.into_iter().filter(plausible));
             *pool = rank(std::mem::take(pool), query, verify, finest);
-            by_evidence(pool, map, query, verify, &point_to_plane(&config.icp));
+            by_evidence(pool, map, query, verify, &icp_config);
             let judgement = judge(pool, map, query, verify);
             let n = pool.len();
             (judgement, n)
