@@ -36,6 +36,10 @@ struct HypothesisRow {
 struct PatchesRow {
     asked: usize,
     confirmed: usize,
+    /// How far off one rigid pose pieces of the query lie, root mean square, metres; null where that was not measured.
+    bend: Option<f64>,
+    /// Whether the patches were asked where those pieces lie.
+    piecewise: bool,
 }
 
 /// What was known or said beforehand, in the document's `request`.
@@ -130,6 +134,8 @@ impl Document {
                     patches: h.relief.map(|r| PatchesRow {
                         asked: r.asked,
                         confirmed: r.confirmed,
+                        bend: r.bend,
+                        piecewise: r.piecewise,
                     }),
                     stop: h.stop,
                 })

@@ -63,6 +63,7 @@
 //! Metres, radians and seconds; right-handed frames; `a_from_b` takes points of frame b to frame a.
 
 pub mod base;
+pub mod bend;
 pub mod cloud;
 pub mod columns;
 pub mod config;

@@ -113,6 +113,14 @@ pub(crate) struct Attempt {
 }
 
 impl Attempt {
+    /// The last answer that any voxel size gave.
+    pub(crate) fn last(answer: Option<Self>) -> Self {
+        answer.unwrap_or_else(|| {
+            let reason = "no voxel size suits map and query".into();
+            Self::refused(0.0, Judgement::refused(Verdict::Insufficient, reason))
+        })
+    }
+
     pub(crate) fn refused(voxel: f64, judgement: Judgement) -> Self {
         Self {
             voxel,
@@ -174,6 +182,7 @@ impl Run<'_> {
         VerifyConfig {
             patch_size: Length::Metres(size * wider),
             patch_step: Length::Metres(step * wider),
+            piece_size: Length::Metres(verify.piece_size.metres(voxel) * wider),
             ..verify.clone()
         }
     }

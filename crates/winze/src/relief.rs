@@ -11,13 +11,10 @@
 //! direction to move in, which makes it [one in three](BY_CHANCE) at most by chance.
 
 use rayon::prelude::*;
-use rustc_hash::FxHashMap;
 
-use crate::config::IcpConfig;
-use crate::icp;
 use crate::pose::Pose;
 use crate::prepare::Surface;
-use crate::vec3::{add, cross, dot, norm, scale, sub, voxel_of};
+use crate::vec3::{cross, dot, norm, scale, sub, voxel_of};
 
 /// What the patches said about one pose.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -26,7 +23,10 @@ pub struct Relief {
     pub asked: usize,
     /// Those that lie more finely where they are than moved any way.
     pub confirmed: usize,
-    /// Asked piece by piece, each of which found its own place near the pose.
+    /// How far off one rigid pose the pieces of the query lie ([`bend`](crate::bend)), root mean square, metres; `None`
+    /// where that was not asked.
+    pub bend: Option<f64>,
+    /// The patches were asked where the pieces lie, not where the rigid pose puts them.
     pub piecewise: bool,
 }
 
@@ -168,52 +168,6 @@ pub fn ask(
             confirmed: r.confirmed + usize::from(yes),
             ..r
         })
-}
-
-/// The poses of pieces of the query of `size` metres, each refined on its own from `map_from_query`: what odometry has bent lies straight
-/// on the map piece by piece. A piece that would move by more than `most` metres stays where it was. With them, how far the pieces moved all
-/// together, metres: the length of their mean displacement, by their points.
-#[must_use]
-pub fn unbent(
-    map: &Surface<'_>,
-    query: &Surface<'_>,
-    map_from_query: &Pose,
-    config: &IcpConfig,
-    [size, most]: [f64; 2],
-) -> (FxHashMap<[i64; 3], Pose>, f64) {
-    let mut pieces: FxHashMap<[i64; 3], Vec<u32>> = FxHashMap::default();
-    for (i, p) in (0u32..).zip(query.points.iter()) {
-        let cell = voxel_of(p.map(f64::from), size);
-        pieces.entry(cell).or_default().push(i);
-    }
-    let mut cells: Vec<([i64; 3], Vec<u32>)> = pieces.into_iter().collect();
-    cells.sort_unstable();
-    let refine = |(cell, indices): &([i64; 3], Vec<u32>)| {
-        let of = |of: &[[f32; 3]]| -> Vec<[f32; 3]> {
-            indices.iter().map(|i| of[*i as usize]).collect()
-        };
-        let piece = Surface {
-            origin: query.origin,
-            voxel: query.voxel,
-            points: of(&query.points).into(),
-            normals: of(&query.normals).into(),
-            ..Surface::default()
-        };
-        let refined = icp::align(map, &piece, map_from_query, config).map_from_query;
-        let centre = piece.centroid().unwrap_or_default();
-        let (from, to) = (map_from_query.transform(centre), refined.transform(centre));
-        let moved = sub(to, from);
-        if norm(moved) > most {
-            return (*cell, *map_from_query, [0.0; 3]);
-        }
-        #[expect(clippy::cast_precision_loss, reason = "a count")]
-        let weight = indices.len() as f64 / query.points.len() as f64;
-        (*cell, refined, scale(moved, weight))
-    };
-    let refined: Vec<_> = cells.par_iter().map(refine).collect();
-    let mean = refined.iter().fold([0.0; 3], |sum, (.., m)| add(sum, *m));
-    let poses = refined.into_iter().map(|(cell, pose, _)| (cell, pose));
-    (poses.collect(), norm(mean))
 }
 
 /// Whether a patch lies most finely where the pose puts it; `None` where the map has too little surface around.
@@ -364,35 +318,6 @@ mod tests {
         let query = surface(&drift(60_000, 20.0, 0.0, 0.01, 2), 0.15);
         let bare = asked(&map, &query, Pose::from_translation([10.0, 0.0, 0.0]));
         assert!(bare.asked > 60 && bare.significance() < 1.0, "{bare:?}");
-    }
-
-    /// A query bent to an arc lies on the map nowhere as a whole, but piece by piece.
-    #[test]
-    fn a_bent_query_is_confirmed_piece_by_piece() {
-        let map = surface(&drift(160_000, 50.0, 0.3, 0.01, 1), 0.15);
-        let bent: Vec<[f64; 3]> = drift(120_000, 45.0, 0.3, 0.01, 2)
-            .into_iter()
-            .map(|[x, y, z]| {
-                let off = (x - 22.0) / 22.0;
-                [x, y + 0.45 * off * off - 0.2, z]
-            })
-            .collect();
-        let query = surface(&bent, 0.15);
-        let rigid = asked(&map, &query, Pose::identity());
-        let config = IcpConfig {
-            metric: crate::config::IcpMetric::PointToPlane,
-            ..IcpConfig::default()
-        };
-        let pieces = [6.0, 0.6];
-        let (poses, together) = unbent(&map, &query, &Pose::identity(), &config, pieces);
-        assert!(together < 0.1, "{together}");
-        let patches = patches(&query, 1.5, 300);
-        let pose_of = |p: &Patch| poses[&voxel_of(p.centre(), pieces[0])];
-        let piecewise = ask(&map, query.origin, &patches, &pose_of, LENGTHS);
-        assert!(
-            piecewise.share() > rigid.share() + 0.1 && piecewise.share() > 0.7,
-            "{rigid:?} {piecewise:?}"
-        );
     }
 
     #[test]

@@ -6,6 +6,7 @@
 //!                                                                     v
 //!     pool of distinct places <──polish, fit, ask the rock── at the finest size
 //!     located? done
+//! not located: the pool again at coarser sizes, whose larger patches see past noise and bends
 //! ```
 
 use rayon::prelude::*;
@@ -14,7 +15,6 @@ use crate::error::Result;
 use crate::icp;
 use crate::kept::{KeptMap, KeptQuery};
 use crate::locate::{Attempt, Run, candidate, point_to_plane};
-use crate::outcome::Verdict;
 use crate::verify::{Candidate, Judgement, by_evidence, confirmed, hopeful, judge, rank};
 
 impl Run<'_> {
@@ -37,49 +37,65 @@ impl Run<'_> {
                 }
             };
             let judgement = self.weigh(map, query, found, &mut pool, (voxel, finest))?;
-            // A coarser look tells no more of a place that the rock has confirmed.
-            let settled = pool
-                .first()
-                .is_some_and(|c| confirmed(c, &self.config.verify));
             answer = Some(Attempt {
                 voxel: finest,
                 judgement,
                 ranked: pool.clone(),
             });
-            if settled {
+            if self.settled(&pool) {
+                return Ok(Attempt::last(answer));
+            }
+        }
+        // What noise or a bend has blurred is told by larger patches, if by any.
+        let mut coarser: Vec<f64> = sizes.iter().copied().filter(|v| *v > finest).collect();
+        coarser.sort_by(f64::total_cmp);
+        for voxel in coarser {
+            let mut again = Vec::new();
+            let found = pool.clone();
+            let judgement = self.weigh(map, query, found, &mut again, (finest, voxel))?;
+            if self.settled(&again) {
+                answer = Some(Attempt {
+                    voxel,
+                    judgement,
+                    ranked: again,
+                });
                 break;
             }
         }
-        let nothing = "no voxel size suits map and query";
-        let refused = || Judgement::refused(Verdict::Insufficient, nothing.into());
-        Ok(answer.unwrap_or_else(|| Attempt::refused(0.0, refused())))
+        Ok(Attempt::last(answer))
     }
 
-    /// Adds what was `found` at a voxel size to the pool, and judges the pool at the finest one.
+    /// The rock has confirmed the place that leads.
+    fn settled(&self, pool: &[Candidate]) -> bool {
+        let first = pool.first();
+        first.is_some_and(|c| confirmed(c, &self.config.verify))
+    }
+
+    /// Adds what was `found` at a `voxel` size to the pool, and judges the pool `at` another.
     fn weigh(
         &mut self,
         map: &mut KeptMap<'_>,
         query: &mut KeptQuery<'_>,
         found: Vec<Candidate>,
         pool: &mut Vec<Candidate>,
-        (voxel, finest): (f64, f64),
+        (voxel, at): (f64, f64),
     ) -> Result<Judgement> {
         let (config, request) = (self.config, self.request);
-        let verify = &self.verify_at(finest);
+        let verify = &self.verify_at(at);
         let points = query.limited(config).len();
         let query = self.stage("prepare query", points, || {
-            let at = query.at(finest, config);
-            let n = at.surface.points.len();
-            (&at.surface, n)
+            let made = query.at(at, config);
+            let n = made.surface.points.len();
+            (&made.surface, n)
         });
         let map = self.map_stage("prepare map", map.points(), || {
-            let at = map.at(finest, config);
-            let n = at.as_ref().map_or(0, |at| at.surface.points.len());
-            (at, n)
+            let made = map.at(at, config);
+            let n = made.as_ref().map_or(0, |m| m.surface.points.len());
+            (made, n)
         })?;
         let map = &map.surface;
         let icp_config = point_to_plane(&config.icp);
-        let found = if voxel > finest {
+        let found = if voxel != at {
             self.stage("polish", found.len(), || {
                 let hopeful = hopeful(&found, verify);
                 let polish = |(c, hopeful): (&Candidate, &bool)| {
@@ -100,7 +116,7 @@ impl Run<'_> {
         Ok(self.stage("verify", found.len(), || {
             let plausible = |c: &Candidate| request.plausible(&c.map_from_query, centroid);
             pool.extend(found.into_iter().filter(plausible));
-            *pool = rank(std::mem::take(pool), query, verify, finest);
+            *pool = rank(std::mem::take(pool), query, verify, at);
             by_evidence(pool, map, query, verify, &icp_config);
             let judgement = judge(pool, map, query, verify);
             let n = pool.len();

@@ -6,6 +6,7 @@
 //! as the best wherever it overlaps is a rival, even where it overlaps less, since a map may simply
 //! end there.
 
+use crate::bend;
 use crate::config::{IcpConfig, VerifyConfig};
 use crate::degeneracy::{self, Unobservable};
 use crate::icp::{self, Information};
@@ -15,7 +16,6 @@ use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::refine::{StopReason, sample};
 use crate::relief::{self, Patch, Relief};
-use crate::vec3::voxel_of;
 
 /// How well the query's surface lies on the map's at one pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -236,9 +236,12 @@ pub(crate) fn hopeful(candidates: &[Candidate], config: &VerifyConfig) -> Vec<bo
         .collect()
 }
 
-/// Asks the rock ([`relief`]) at the best of `ranked` places, [`VerifyConfig::refined`] of them, but for the hopeless. Where it
-/// confirms none of them and a `bend` is given, the query may have been bent by odometry, and the first two are asked again, piece by piece, each
-/// piece refined as that says. Places that were asked before keep what they know.
+/// Asks the rock ([`relief`]) at the best of `ranked` places, [`VerifyConfig::refined`] of them, but for the hopeless. Places that were asked
+/// before keep what they know.
+///
+/// Where a `bend` is given, the query may have been bent by odometry: of the first two places those that the rock confirms, or both where it
+/// confirms none, are asked again piece by piece, each piece refined as that says ([`bend`]). Where the pieces say more,
+/// the place's pose becomes the rigid one that fits them best.
 pub fn ask_relief(
     ranked: &mut [Candidate],
     map: &Surface<'_>,
@@ -264,34 +267,35 @@ pub fn ask_relief(
         c.relief.get_or_insert_with(|| ask(&|_| pose));
     }
     let Some(icp) = bend else { return };
-    if ranked.iter().any(|c| confirmed(c, config)) {
-        return;
-    }
-    let pieces = [
-        config.piece_size.metres(map.voxel),
-        config.patch_reach.metres(map.voxel),
-    ];
+    let sure = ranked.iter().any(|c| confirmed(c, config));
     for c in ranked.iter_mut().take(UNBENT) {
-        let pose = c.map_from_query;
-        if c.relief.is_none_or(|r| r.piecewise) {
+        let rigid = c.relief.unwrap_or_default();
+        if rigid.bend.is_some() || (sure && !confirmed(c, config)) {
             continue;
         }
-        let (poses, together) = relief::unbent(map, query, &pose, icp, pieces);
-        // Pieces that all move one way say that the pose is wrong, not that the query is bent.
-        if together > config.merge_distance.metres(map.voxel) {
+        let Some(bent) = bend::follow(map, query, &c.map_from_query, icp, config) else {
             continue;
-        }
-        let bent = ask(&|p: &Patch| {
-            let cell = voxel_of(p.centre(), pieces[0]);
-            poses.get(&cell).copied().unwrap_or(pose)
+        };
+        let asked = Relief {
+            bend: Some(bent.bend),
+            piecewise: true,
+            ..ask(&|p: &Patch| bent.pose_of(p.centre()))
+        };
+        c.relief = Some(Relief {
+            bend: Some(bent.bend),
+            ..rigid
         });
-        if c.relief
-            .is_none_or(|rigid| bent.significance() > rigid.significance())
-        {
-            c.relief = Some(Relief {
-                piecewise: true,
-                ..bent
-            });
+        let unbent = Candidate {
+            map_from_query: bent.map_from_query,
+            relief: Some(asked),
+            ..*c
+        };
+        let matters = bent.bend > config.straight.metres(map.voxel);
+        if matters && confirmed(&unbent, config) && asked.excess() >= rigid.excess() {
+            *c = Candidate {
+                fit: fit(map, query, &bent.map_from_query, config),
+                ..unbent
+            };
         }
     }
 }
@@ -436,10 +440,10 @@ pub(crate) fn judge_against(
         relief.asked,
         relief.confirmed,
         100.0 * relief.share(),
-        if relief.piecewise {
-            ", piece by piece"
-        } else {
-            ""
+        match relief.bend {
+            Some(bend) if relief.piecewise =>
+                format!(", piece by piece, {bend:.2} m (root mean square) off one rigid pose"),
+            _ => String::new(),
         }
     );
     let (verdict, reason) = if rivals > 0 {

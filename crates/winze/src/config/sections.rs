@@ -251,6 +251,8 @@ section! {
         patch_reach: Length = Length::Voxels(4.0), UpTo(LONGEST);
         /// size of the pieces of a bent query, each of which finds its own place,
         piece_size: Length = Length::Voxels(40.0), UpTo(LONGEST);
+        /// how far off one rigid pose the pieces must lie for it to count as bent,
+        straight: Length = Length::Voxels(0.5), UpTo(LONGEST);
         /// and how many patches are asked at most.
         patches: usize = 300, Between(1.0, 1e6);
         /// Patches that must have been asked for a place to be believed,
