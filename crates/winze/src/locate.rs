@@ -195,7 +195,7 @@ impl Run<'_> {
         voxel: f64,
     ) -> Result<Attempt> {
         let verify = &self.verify_at(voxel);
-        let candidates = match self.candidates(map, query, voxel)? {
+        let candidates = match self.candidates(map, query, voxel, true)? {
             Ok(candidates) => candidates,
             Err(judgement) => return Ok(Attempt::refused(voxel, judgement)),
         };
@@ -218,12 +218,13 @@ impl Run<'_> {
         })
     }
 
-    /// Refined poses at one voxel size, or the verdict where there is nothing to refine.
+    /// Refined poses at one voxel size, or the verdict where there is nothing to refine. `last`: nothing finer follows.
     pub(crate) fn candidates(
         &mut self,
         map: &mut KeptMap<'_>,
         query: &mut KeptQuery<'_>,
         voxel: f64,
+        last: bool,
     ) -> Result<std::result::Result<Vec<Candidate>, Judgement>> {
         let (config, request) = (self.config, self.request);
         let verify = &config.verify;
@@ -263,7 +264,11 @@ impl Run<'_> {
             vec![request.initial.unwrap_or_default()]
         };
         query_at.refine_on(map_at);
-        let mut candidates = self.refine(map_at, query_at, &starts, verify)?;
+        let mut candidates = if request.method == Method::Auto {
+            self.race(map_at, query_at, &starts, verify, last)?
+        } else {
+            self.refine(map_at, query_at, &starts, verify)?
+        };
         let found = candidates.len();
         // Refinement may have led a pose away from what is known beforehand.
         let centroid = query_at.surface.centroid().unwrap_or_default();
@@ -429,7 +434,7 @@ impl Run<'_> {
             .collect())
     }
 
-    /// The method's refiners on every start that a first look leaves in the race; candidates come in
+    /// The paper's refiners on every start that a first look leaves in the race; candidates come in
     /// the order of `starts`.
     fn refine(
         &mut self,
@@ -472,9 +477,8 @@ impl Run<'_> {
                 })?;
             let candidate =
                 |pose: Pose, stop: Option<StopReason>| candidate(pose, stop, map, query, verify);
-            // A start that no features found is a guess: far from the truth the residual says little. `auto` weighs many
-            // places instead.
-            let guard = config.ndt.keep_better && method.uses_features() && method != Method::Auto;
+            // A start that no features found is a guess: far from the truth the residual says little.
+            let guard = config.ndt.keep_better && method.uses_features();
             self.stage("refine by NDT", poses.len(), || {
                 let refine = |(pose, stop): &(Pose, Option<StopReason>)| {
                     let refined = known.get(Refiner::Ndt, pose, || {
@@ -499,11 +503,7 @@ impl Run<'_> {
         if !method.uses_icp() || candidates.is_empty() {
             return Ok(candidates);
         }
-        let icp_config = if method == Method::Auto {
-            point_to_plane(&config.icp)
-        } else {
-            config.icp.clone()
-        };
+        let icp_config = &config.icp;
         Ok(self.stage("refine by ICP", candidates.len(), || {
             let hopeful = hopeful(&candidates, verify);
             let polish = |(c, hopeful): (&Candidate, &bool)| {
@@ -512,7 +512,7 @@ impl Run<'_> {
                 }
                 let refiner = Refiner::Icp(icp_config.metric);
                 let refined = known.get(refiner, &c.map_from_query, || {
-                    icp::align(map, query, &c.map_from_query, &icp_config)
+                    icp::align(map, query, &c.map_from_query, icp_config)
                 });
                 let polished = candidate(refined.map_from_query, Some(refined.stop));
                 guarded(icp_config.keep_better, || *c, polished, map, query, verify)
@@ -615,7 +615,7 @@ impl Run<'_> {
 }
 
 /// What a refiner led to, or, where a `guard` is set, the finer of that and what it began with.
-fn guarded(
+pub(crate) fn guarded(
     guard: bool,
     before: impl FnOnce() -> Candidate,
     after: Candidate,

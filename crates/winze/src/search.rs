@@ -11,11 +11,19 @@
 
 use rayon::prelude::*;
 
+use crate::config::VerifyConfig;
 use crate::error::Result;
-use crate::icp;
-use crate::kept::{KeptMap, KeptQuery};
-use crate::locate::{Attempt, Run, candidate, point_to_plane};
-use crate::verify::{Candidate, Judgement, by_evidence, confirmed, hopeful, judge, rank};
+use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt};
+use crate::locate::{Attempt, Run, candidate, guarded, point_to_plane};
+use crate::ndt::NdtCells;
+use crate::pose::Pose;
+use crate::verify::{Candidate, Judgement, by_evidence, confirmed, fit, hopeful, judge, rank};
+use crate::{icp, ndt};
+
+/// Times as many hypotheses begin with NDT as go on to ICP.
+const SHORTLIST: usize = 2;
+/// Query points that tell a place from no place.
+const GLANCE: usize = 1_500;
 
 impl Run<'_> {
     /// `sizes` are the voxel sizes to look at, the best guess first.
@@ -29,7 +37,7 @@ impl Run<'_> {
         let mut pool: Vec<Candidate> = Vec::new();
         let mut answer: Option<Attempt> = None;
         for &voxel in sizes {
-            let found = match self.candidates(map, query, voxel)? {
+            let found = match self.candidates(map, query, voxel, voxel <= finest)? {
                 Ok(found) => found,
                 Err(judgement) => {
                     answer.get_or_insert_with(|| Attempt::refused(voxel, judgement));
@@ -63,6 +71,86 @@ impl Run<'_> {
             }
         }
         Ok(Attempt::last(answer))
+    }
+
+    /// Refines `starts` in stages that let go of the poor ones early, each looking more closely at fewer: where most of
+    /// the query lies near the map, NDT and what then lies on it, ICP. `last`: no finer size follows.
+    pub(crate) fn race(
+        &mut self,
+        map: &mut MapAt<'_>,
+        query: &QueryAt,
+        starts: &[Pose],
+        verify: &VerifyConfig,
+        last: bool,
+    ) -> Result<Vec<Candidate>> {
+        let config = self.config;
+        let query = &query.surface;
+        let at_most = |own: usize, points: usize| if own == 0 { points } else { own.min(points) };
+        let glance = &VerifyConfig {
+            max_points: at_most(verify.max_points, GLANCE),
+            ..verify.clone()
+        };
+        let first_look = VerifyConfig {
+            overlap_distance: verify.first_look_distance,
+            ..glance.clone()
+        };
+        let surface = &map.surface;
+        let poses = self.stage("shortlist", starts.len(), || {
+            let look = |p: &Pose| fit(surface, query, p, &first_look).overlap;
+            let overlap: Vec<f64> = starts.par_iter().map(look).collect();
+            let mut order: Vec<usize> = (0..starts.len()).collect();
+            // What most correspondences support stays, whatever it looks like: of a query that is mostly dust or mostly unmapped
+            // little lies anywhere.
+            let supported = starts.len().min(verify.refined / 2);
+            order[supported..].sort_by(|&a, &b| overlap[b].total_cmp(&overlap[a]));
+            order.truncate(SHORTLIST * verify.refined);
+            let kept: Vec<Pose> = order.into_iter().map(|i| starts[i]).collect();
+            let n = kept.len();
+            (kept, n)
+        });
+        if poses.is_empty() {
+            return Ok(Vec::new());
+        }
+        let (levels, map) = self.map_stage("make NDT cells", surface.points.len(), || {
+            let cells = map.cells(config);
+            let count = |(levels, _): &(&[NdtCells<'_>], _)| levels.iter().map(NdtCells::len).sum();
+            let n = cells.as_ref().map_or(0, count);
+            (cells, n)
+        })?;
+        let places = self.stage("refine by NDT", poses.len(), || {
+            let refine = |pose: &Pose| {
+                let refined = ndt::align(levels, map, query, pose, &config.ndt);
+                let (pose, stop) = (refined.map_from_query, Some(refined.stop));
+                candidate(pose, stop, map, query, glance)
+            };
+            let refined: Vec<Candidate> = poses.par_iter().map(refine).collect();
+            let (first, rest) = refined.split_at(refined.len().min(verify.refined / 2));
+            let mut places = rank(rest.to_vec(), query, verify, map.voxel);
+            places.truncate(verify.refined);
+            places.extend_from_slice(first);
+            let places = rank(places, query, verify, map.voxel);
+            let n = places.len();
+            (places, n)
+        });
+        let mut icp_config = point_to_plane(&config.icp);
+        if !last {
+            icp_config.max_points = at_most(icp_config.max_points, 2 * GLANCE);
+        }
+        Ok(self.stage("refine by ICP", places.len(), || {
+            let hopeful = hopeful(&places, verify);
+            let refine = |(c, hopeful): (&Candidate, &bool)| {
+                let before = || candidate(c.map_from_query, c.stop, map, query, verify);
+                if !hopeful {
+                    return before();
+                }
+                let refined = icp::align(map, query, &c.map_from_query, &icp_config);
+                let (pose, stop) = (refined.map_from_query, Some(refined.stop));
+                let after = candidate(pose, stop, map, query, verify);
+                guarded(icp_config.keep_better, before, after, map, query, verify)
+            };
+            let refined = places.par_iter().zip(&hopeful).map(refine).collect();
+            (refined, hopeful.iter().filter(|h| **h).count())
+        }))
     }
 
     /// The rock has confirmed the place that leads.

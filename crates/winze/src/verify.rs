@@ -266,7 +266,39 @@ pub fn ask_relief(
         let pose = c.map_from_query;
         c.relief.get_or_insert_with(|| ask(&|_| pose));
     }
-    let Some(icp) = bend else { return };
+    if let Some(icp) = bend {
+        unbend(ranked, map, query, config, icp, &ask);
+    }
+    // Whatever has the shape of a place that is believed is asked too, however late it comes.
+    let sure: Vec<Fit> = ranked
+        .iter()
+        .filter(|c| confirmed(c, config))
+        .map(|c| c.fit)
+        .collect();
+    for c in ranked.iter_mut().filter(|c| c.relief.is_none()) {
+        let alike = |fit: &Fit| as_fine(&c.fit, fit, fit.median_point_to_plane, config);
+        if sure.iter().any(alike) {
+            let pose = c.map_from_query;
+            c.relief = Some(ask(&|_| pose));
+        }
+    }
+}
+
+/// A place fits as finely as another one whose median residual, refined, is `finest`, on enough of its overlap.
+fn as_fine(fit: &Fit, other: &Fit, finest: f64, config: &VerifyConfig) -> bool {
+    fit.overlap >= config.rival_overlap * other.overlap
+        && fit.median_point_to_plane <= config.rival_residual * finest
+}
+
+/// Lays the query down piece by piece at the places that may need it, see [`ask_relief`].
+fn unbend(
+    ranked: &mut [Candidate],
+    map: &Surface<'_>,
+    query: &Surface<'_>,
+    config: &VerifyConfig,
+    icp: &IcpConfig,
+    ask: &dyn Fn(&(dyn Fn(&Patch) -> Pose + Sync)) -> Relief,
+) {
     let sure = ranked.iter().any(|c| confirmed(c, config));
     for c in ranked.iter_mut().take(UNBENT) {
         let rigid = c.relief.unwrap_or_default();
@@ -431,8 +463,7 @@ pub(crate) fn judge_against(
         if let (true, Some(r)) = (sure, asked) {
             return confirmed(c, config) && r.excess() >= config.rival_excess * relief.excess();
         }
-        c.fit.overlap >= config.rival_overlap * fit.overlap
-            && c.fit.median_point_to_plane <= config.rival_residual * finest
+        as_fine(&c.fit, fit, finest, config)
     };
     let rivals = ranked[1..].iter().filter(is_rival).count();
     let asked = format!(
