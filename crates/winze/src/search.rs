@@ -11,7 +11,7 @@
 
 use rayon::prelude::*;
 
-use crate::config::VerifyConfig;
+use crate::config::{IcpConfig, VerifyConfig};
 use crate::error::Result;
 use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt};
 use crate::locate::{Attempt, Run, candidate, guarded, point_to_plane};
@@ -59,7 +59,8 @@ impl Run<'_> {
         coarser.sort_by(f64::total_cmp);
         for voxel in coarser {
             let mut again = Vec::new();
-            let found = pool.clone();
+            let fittest = pool.len().min(self.config.verify.refined);
+            let found = pool[..fittest].to_vec();
             let judgement = self.weigh(map, query, found, &mut again, (finest, voxel))?;
             if self.settled(&again) {
                 answer = Some(Attempt {
@@ -183,13 +184,18 @@ impl Run<'_> {
         })?;
         let map = &map.surface;
         let icp_config = point_to_plane(&config.icp);
+        // From where the last size left it, a right pose has not far to go; a wrong one never arrives.
+        let polish_config = IcpConfig {
+            max_iterations: icp_config.max_iterations.div_ceil(2),
+            ..icp_config.clone()
+        };
         let found = if voxel != at {
             self.stage("polish", found.len(), || {
                 let hopeful = hopeful(&found, verify);
                 let polish = |(c, hopeful): (&Candidate, &bool)| {
                     let (mut pose, mut stop) = (c.map_from_query, c.stop);
                     if *hopeful {
-                        let refined = icp::align(map, query, &pose, &icp_config);
+                        let refined = icp::align(map, query, &pose, &polish_config);
                         (pose, stop) = (refined.map_from_query, Some(refined.stop));
                     }
                     candidate(pose, stop, map, query, verify)

@@ -343,9 +343,10 @@ pub(crate) fn confirmed(candidate: &Candidate, config: &VerifyConfig) -> bool {
         })
 }
 
-/// Orders distinct candidates by how much of the rock says yes, asked at the fittest, then by fitness.
+/// Orders distinct candidates by how much of the rock says yes, asked at the fittest, then by fitness. Two that a bent query's pieces have
+/// led to one place become one.
 pub(crate) fn by_evidence(
-    pool: &mut [Candidate],
+    pool: &mut Vec<Candidate>,
     map: &Surface<'_>,
     query: &Surface<'_>,
     config: &VerifyConfig,
@@ -364,6 +365,17 @@ pub(crate) fn by_evidence(
         let by_rock = excess(b).total_cmp(&excess(a));
         by_rock.then(b.fit.fitness.total_cmp(&a.fit.fitness))
     });
+    let mut distinct: Vec<Candidate> = Vec::with_capacity(pool.len());
+    for c in pool.drain(..) {
+        let held = |d: &Candidate| {
+            let bend = d.relief.filter(|r| r.piecewise).and_then(|r| r.bend);
+            nearer(d, &c, query, config, map.voxel, bend.unwrap_or(0.0))
+        };
+        if !distinct.iter().any(held) {
+            distinct.push(c);
+        }
+    }
+    *pool = distinct;
 }
 
 /// Two candidates differ by less than the merge distance at the query's centroid and by less than
@@ -376,9 +388,21 @@ pub fn same_place(
     config: &VerifyConfig,
     voxel: f64,
 ) -> bool {
+    nearer(a, b, query, config, voxel, 0.0)
+}
+
+/// As [`same_place`], where the merge distance is longer by so many metres.
+fn nearer(
+    a: &Candidate,
+    b: &Candidate,
+    query: &Surface<'_>,
+    config: &VerifyConfig,
+    voxel: f64,
+    longer: f64,
+) -> bool {
     let centroid = query.centroid().unwrap_or_default();
     let apart = a.map_from_query.distance(&b.map_from_query, centroid);
-    apart.translation < config.merge_distance.metres(voxel)
+    apart.translation < config.merge_distance.metres(voxel) + longer
         && apart.rotation < config.merge_angle.to_radians()
 }
 
