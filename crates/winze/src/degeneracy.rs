@@ -7,7 +7,9 @@
 //! hold on to sampling noise.)
 
 use crate::icp::Information;
+use crate::pose::Pose;
 use crate::symmetric::eigen;
+use crate::vec3::{dot, norm, scale, sub};
 
 /// What kind of motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -93,11 +95,43 @@ fn transposed(m: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
     std::array::from_fn(|i| std::array::from_fn(|j| m[j][i]))
 }
 
+/// By how much a place may lie off the line along which another one slides, for each metre that it does.
+const STRAIGHT: f64 = 0.03;
+
+/// Whether motion along the `open` directions alone leads from the first pose (`map_from_query`) to the second: what is left of the way
+/// between them, at `centroid` of the query, is at most `merge` (metres, radians).
+///
+/// A turn about an open axis may be of any size, a slide goes along a straight line.
+#[must_use]
+pub fn reaches(
+    open: &[Unobservable],
+    (from, to): (&Pose, &Pose),
+    centroid: [f64; 3],
+    [metres, radians]: [f64; 2],
+) -> bool {
+    if open.is_empty() {
+        return false;
+    }
+    let way = sub(to.transform(centroid), from.transform(centroid));
+    let turn = to.compose(&from.inverse()).rotation_vector();
+    let along = |v: [f64; 3], kind: DirectionKind| {
+        let own = open.iter().filter(|d| d.kind == kind);
+        own.fold(v, |left, d| {
+            let by = dot(left, d.direction);
+            sub(left, scale(d.direction, by))
+        })
+    };
+    let (off, turned) = (
+        norm(along(way, DirectionKind::Translation)),
+        norm(along(turn, DirectionKind::Rotation)),
+    );
+    off <= metres + STRAIGHT * norm(way) && turned <= radians
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::icp;
-    use crate::pose::Pose;
     use crate::test_world::{drift, surface};
 
     fn weakest(points: &[[f64; 3]]) -> Vec<Unobservable> {
@@ -115,6 +149,34 @@ mod tests {
         assert!(bare[1].information > 0.1);
         let rough = weakest(&drift(60_000, 20.0, 0.3, 0.005, 1));
         assert!(rough.iter().all(|d| d.information > 0.015), "{rough:?}");
+    }
+
+    #[test]
+    fn a_slide_is_the_same_place_and_a_turn_or_a_step_aside_is_not() {
+        let axis = |kind, direction| Unobservable {
+            kind,
+            direction,
+            information: 0.0,
+        };
+        let slide = [axis(DirectionKind::Translation, [0.6, 0.8, 0.0])];
+        let spin = [axis(DirectionKind::Rotation, [0.0, 0.0, 1.0])];
+        let (here, centre) = (
+            Pose::from_rotation_vector([0.1, 0.2, 0.3], [5.0; 3]),
+            [1.0, 2.0, 3.0],
+        );
+        let moved = |by: [f64; 3], turn: [f64; 3]| here.perturbed(by, turn, here.transform(centre));
+        let same = |open: &[Unobservable], by, turn| {
+            reaches(open, (&here, &moved(by, turn)), centre, [0.2, 0.05])
+        };
+        assert!(same(&slide, [6.0, 8.0, 0.1], [0.0, 0.0, 0.02]));
+        assert!(!same(&slide, [0.8, -0.6, 0.0], [0.0; 3]), "a step aside");
+        assert!(
+            !same(&slide, [6.0, 8.0, 0.0], [0.0, 0.0, 3.1]),
+            "the other way round"
+        );
+        assert!(same(&spin, [0.0, 0.1, 0.0], [0.0, 0.0, 3.1]));
+        assert!(!same(&spin, [0.0, 0.1, 0.0], [0.0, 0.4, 0.0]));
+        assert!(!same(&[], [0.0; 3], [0.0; 3]), "nothing is open");
     }
 
     #[test]

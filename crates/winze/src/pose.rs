@@ -172,6 +172,12 @@ impl Pose {
         so3_log(&self.rotation).norm()
     }
 
+    /// The rotation as axis times angle, radians (what [`Pose::from_rotation_vector`] takes).
+    #[must_use]
+    pub fn rotation_vector(&self) -> [f64; 3] {
+        so3_log(&self.rotation).into()
+    }
+
     /// `R p + t`.
     #[must_use]
     pub fn transform(&self, p: [f64; 3]) -> [f64; 3] {

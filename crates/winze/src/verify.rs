@@ -415,6 +415,8 @@ fn nearer(
 /// says so too, with [`VerifyConfig::rival_excess`] of the best's excess: `ambiguous`. A direction with less than
 /// [`VerifyConfig::min_information`]: `degenerate`. Else `located`.
 ///
+/// A place that the best one reaches by moving along such directions alone is no rival ([`degeneracy::reaches`]).
+///
 /// Where it does not: too little overlap or too few points that lie finely: `not_found`. A rival that fits as finely: `ambiguous`. An open
 /// direction: `degenerate`. Else `insufficient` where there was too little rock to ask, and `not_found` where it said no.
 #[must_use]
@@ -481,7 +483,16 @@ pub(crate) fn judge_against(
         .into_iter()
         .filter(|d| d.information < least)
         .collect();
+    let merge = [
+        config.merge_distance.metres(map.voxel),
+        config.merge_angle.to_radians(),
+    ];
+    let centroid = query.centroid().unwrap_or_default();
     let is_rival = |c: &&Candidate| {
+        let poses = (&best.map_from_query, &c.map_from_query);
+        if degeneracy::reaches(&open, poses, centroid, merge) {
+            return false;
+        }
         // One that could not be asked is judged by its shape.
         let asked = c.relief.filter(|r| r.asked >= config.min_patches);
         if let (true, Some(r)) = (sure, asked) {
