@@ -38,6 +38,8 @@ struct PatchesRow {
     confirmed: usize,
     /// How far off one rigid pose pieces of the query lie, root mean square, metres; null where that was not measured.
     bend: Option<f64>,
+    /// Share of the query's points in pieces that lie on the map by themselves; null likewise.
+    followed: Option<f64>,
     /// Whether the patches were asked where those pieces lie.
     piecewise: bool,
 }
@@ -135,6 +137,7 @@ impl Document {
                         asked: r.asked,
                         confirmed: r.confirmed,
                         bend: r.bend,
+                        followed: r.followed,
                         piecewise: r.piecewise,
                     }),
                     stop: h.stop,

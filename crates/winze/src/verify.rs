@@ -310,11 +310,13 @@ fn unbend(
         };
         let asked = Relief {
             bend: Some(bent.bend),
+            followed: Some(bent.followed),
             piecewise: true,
             ..ask(&|p: &Patch| bent.pose_of(p.centre()))
         };
         c.relief = Some(Relief {
             bend: Some(bent.bend),
+            followed: Some(bent.followed),
             ..rigid
         });
         let unbent = Candidate {
@@ -322,7 +324,9 @@ fn unbend(
             relief: Some(asked),
             ..*c
         };
-        let matters = bent.bend > config.straight.metres(map.voxel);
+        // How far the rest of a bent query is off, no one knows.
+        let matters =
+            bent.bend > config.straight.metres(map.voxel) && bent.followed >= config.min_followed;
         if matters && confirmed(&unbent, config) && asked.excess() >= rigid.excess() {
             *c = Candidate {
                 fit: fit(map, query, &bent.map_from_query, config),

@@ -253,6 +253,8 @@ section! {
         piece_size: Length = Length::Voxels(40.0), UpTo(LONGEST);
         /// how far off one rigid pose the pieces must lie for it to count as bent,
         straight: Length = Length::Voxels(0.5), UpTo(LONGEST);
+        /// share of the query that must lie in pieces on the map for their rigid fit to be an answer,
+        min_followed: f64 = 0.6, Between(0.0, 1.0);
         /// and how many patches are asked at most.
         patches: usize = 300, Between(1.0, 1e6);
         /// Patches that must have been asked for a place to be believed,
