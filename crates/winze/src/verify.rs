@@ -255,9 +255,7 @@ pub fn ask_relief(
     ];
     let size = config.patch_size.metres(map.voxel);
     let patches = relief::patches(query, size, config.patches);
-    let ask = |pose_of: &(dyn Fn(&Patch) -> Pose + Sync)| {
-        relief::ask(map, query.origin, &patches, pose_of, lengths)
-    };
+    let ask = |pose_of: &PoseOf<'_>| relief::ask(map, query.origin, &patches, pose_of, lengths);
     let hopeful = hopeful(ranked, config);
     for (c, hopeful) in ranked.iter_mut().take(config.refined).zip(hopeful) {
         if !hopeful {
@@ -290,6 +288,9 @@ fn as_fine(fit: &Fit, other: &Fit, finest: f64, config: &VerifyConfig) -> bool {
         && fit.median_point_to_plane <= config.rival_residual * finest
 }
 
+/// Where the patches of a query lie.
+type PoseOf<'a> = dyn Fn(&Patch) -> Pose + Sync + 'a;
+
 /// Lays the query down piece by piece at the places that may need it, see [`ask_relief`].
 fn unbend(
     ranked: &mut [Candidate],
@@ -297,7 +298,7 @@ fn unbend(
     query: &Surface<'_>,
     config: &VerifyConfig,
     icp: &IcpConfig,
-    ask: &dyn Fn(&(dyn Fn(&Patch) -> Pose + Sync)) -> Relief,
+    ask: &dyn Fn(&PoseOf<'_>) -> Relief,
 ) {
     let sure = ranked.iter().any(|c| confirmed(c, config));
     for c in ranked.iter_mut().take(UNBENT) {
