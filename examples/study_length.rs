@@ -28,15 +28,32 @@ fn main() -> Result<()> {
         "length m | pieces | located rightly | wrong accepts | best pose right | refused as | in the wrong map: located | refused as"
     );
     println!("---|---|---|---|---|---|---|---");
-    for length in [6.0, 12.0, 25.0] {
+    for (length, ball) in [(6.0, false), (12.0, false), (25.0, false), (24.0, true)] {
         let (mut right, mut wrong, mut best, mut believed) = (0, 0, 0, 0);
         let (mut refusals, mut rejections) = (Vec::new(), Vec::new());
         for station in 0..STATIONS {
             let low =
                 first + (last - first - length) * f64::from(station) / f64::from(STATIONS - 1);
             let frame = random_frame(u64::from(station));
-            let piece =
-                part(&in_map, |p| p[0] >= low && p[0] < low + length).transformed(&frame)?;
+            // A slice of the drift, or the points around a place in its middle.
+            let middle = low + 0.5 * length;
+            let near: Vec<[f64; 3]> = in_map
+                .iter()
+                .filter(|p| (p[0] - middle).abs() < 1.0)
+                .collect();
+            let [y, z] = [1, 2].map(|a| {
+                let of: Vec<f64> = near.iter().map(|p| p[a]).collect();
+                quantile(&of, 0.5)
+            });
+            let inside = |p: [f64; 3]| {
+                if ball {
+                    let d = [p[0] - middle, p[1] - y, p[2] - z];
+                    d.iter().map(|v| v * v).sum::<f64>() < 0.25 * length * length
+                } else {
+                    p[0] >= low && p[0] < low + length
+                }
+            };
+            let piece = part(&in_map, inside).transformed(&frame)?;
             let config = Config {
                 seed: u64::from(station),
                 ..Config::default()
@@ -58,8 +75,17 @@ fn main() -> Result<()> {
             }
         }
         println!(
-            "{length} | {STATIONS} | {right} | {wrong} | {best} | {} | {believed} | {}",
+            "{} | {STATIONS} | {} | {} | {} | {} | {} | {}",
+            if ball {
+                format!("{} around a place", 0.5 * length)
+            } else {
+                length.to_string()
+            },
+            right,
+            wrong,
+            best,
             counted(refusals),
+            believed,
             counted(rejections)
         );
     }

@@ -121,7 +121,7 @@ fn scenes() -> Vec<Scene> {
     };
     let copy = |drifts: [Drift; 2]| {
         drifts.map(|d| Drift {
-            from: [d.from[0], d.from[1] - 25.0],
+            from: [d.from[0], d.from[1] - 40.0],
             ..d
         })
     };
@@ -157,11 +157,12 @@ fn scenes() -> Vec<Scene> {
             expected: Verdict::NotFound,
         },
         Scene {
-            asked: "a glance at a metre of wall",
+            asked: "a few points of one wall",
             map: seen(&mine, 1),
-            query: seen(&mine, 2)
+            query: around(seen(&mine, 2), [10.0, 14.0])
                 .into_iter()
-                .filter(|p| (10.0..11.0).contains(&p[0]) && p[1] > 1.4)
+                .filter(|p| p[1] > 1.2)
+                .step_by(40)
                 .collect(),
             expected: Verdict::Insufficient,
         },

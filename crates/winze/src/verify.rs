@@ -422,8 +422,8 @@ fn nearer(
 ///
 /// A place that the best one reaches by moving along such directions alone is no rival ([`degeneracy::reaches`]).
 ///
-/// Where it does not: too little overlap or too few points that lie finely: `not_found`. A rival that fits as finely: `ambiguous`. An open
-/// direction: `degenerate`. Else `insufficient` where there was too little rock to ask, and `not_found` where it said no.
+/// Where it does not: too little overlap or too few points that lie finely: `not_found`. A rival that fits as finely: `ambiguous`. Too little
+/// rock to ask: `insufficient`. An open direction: `degenerate`. Else, where the rock said no: `not_found`.
 #[must_use]
 pub fn judge(
     ranked: &[Candidate],
@@ -532,6 +532,12 @@ pub(crate) fn judge_against(
             }
         );
         (Verdict::Ambiguous, reason)
+    } else if !sure && relief.asked < config.min_patches {
+        let reason = format!(
+            "the shape fits, but only {} patches of wall could be asked whether it is the same rock; at least {} are needed",
+            relief.asked, config.min_patches
+        );
+        (Verdict::Insufficient, reason)
     } else if let Some(d) = open.first() {
         let reason = format!(
             "nothing in the geometry resists {} ({:.2}, {:.2}, {:.2}); {asked}{}",
@@ -561,12 +567,6 @@ pub(crate) fn judge_against(
             fit.median_point_to_plane
         );
         (Verdict::Located, reason)
-    } else if relief.asked < config.min_patches {
-        let reason = format!(
-            "the shape fits, but only {} patches of wall could be asked whether it is the same rock; at least {} are needed",
-            relief.asked, config.min_patches
-        );
-        (Verdict::Insufficient, reason)
     } else {
         let reason = format!(
             "the shape fits, but not the rock: {asked}, not enough more than chance gives (33 % and {:.1} standard deviations)",
