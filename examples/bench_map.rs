@@ -12,11 +12,13 @@
 //! ```
 //!
 //! `run` keeps what an earlier run wrote to its JSON file of other sizes, so that they can be measured one by one.
-//! `make DIR --points N` only writes a cloud and the queries.
+//! `make DIR --points N` only writes a cloud and the queries. `ask` times many queries in maps of several sizes, with and without `--near`.
 #![expect(clippy::print_stdout, reason = "it is what an example does")]
 
 mod common;
 
+#[path = "bench_map/ask.rs"]
+mod ask;
 #[path = "bench_map/measure.rs"]
 mod measure;
 #[path = "bench_map/mine.rs"]
@@ -32,6 +34,7 @@ use winze_io::{WriteOptions, write_cloud, write_transform};
 
 const USAGE: &str = "usage: bench_map make DIR --points N
        bench_map run DIR --winze BINARY [--memory 1G] [--sizes 0.2,2,20,200] [--threads 2,1] [--clouds-to 2] --out RESULTS.json
+       bench_map ask DIR --winze BINARY [--sizes 0.66,6.6,66] [--queries 30] --out RESULTS.json
        bench_map draw RESULTS.json PICTURE.svg";
 
 fn main() -> Result<()> {
@@ -71,6 +74,18 @@ fn main() -> Result<()> {
                 out: PathBuf::from(option("out").ok_or(USAGE)?),
             };
             measure::run(&plan)
+        }
+        ["ask", folder] => {
+            let sizes: Vec<f64> = option("sizes")
+                .unwrap_or("0.66,6.6,66")
+                .split(',')
+                .map(str::parse)
+                .collect::<std::result::Result<_, _>>()?;
+            let points: Vec<u64> = sizes.iter().map(|m| (1e6 * m).round() as u64).collect();
+            let queries = option("queries").unwrap_or("30").parse()?;
+            let winze = PathBuf::from(option("winze").ok_or(USAGE)?).canonicalize()?;
+            let out = PathBuf::from(option("out").ok_or(USAGE)?);
+            ask::ask(Path::new(folder), &winze, &points, queries, &out)
         }
         ["draw", results, svg] => picture::draw(Path::new(results), Path::new(svg)),
         _ => Err(USAGE.into()),

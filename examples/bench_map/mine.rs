@@ -446,6 +446,11 @@ pub(crate) fn write_map(path: &Path, points: u64) -> Result<f64> {
 
 /// Query number `i` in a frame of its own, and where it lies.
 pub(crate) fn query(i: usize) -> Result<(Cloud, Pose)> {
+    query_from(QUERIES[i], i)
+}
+
+/// A query that begins so many metres along the first row, drawn by stream `i`, in a frame of its own, and where it lies.
+pub(crate) fn query_from(metres: f64, i: usize) -> Result<(Cloud, Pose)> {
     let outline = Outline::new();
     let (row, cuts) = (drift_of(0), crosscuts_after(0));
     let openings: Vec<_> = cuts.iter().collect();
@@ -453,7 +458,7 @@ pub(crate) fn query(i: usize) -> Result<(Cloud, Pose)> {
     let map_to_query = truth.inverse();
     let mut points = Vec::new();
     for piece in 0..(QUERY / PIECE) as u32 {
-        let from = QUERIES[i] + PIECE * f64::from(piece);
+        let from = metres + PIECE * f64::from(piece);
         let part = [from, from + PIECE];
         let drawn = draw(&row, &outline, part, &openings, QUERY_PITCH, 1 + i as u64);
         points.extend(

@@ -11,7 +11,7 @@
 
 use rayon::prelude::*;
 
-use crate::config::{IcpConfig, VerifyConfig};
+use crate::config::{IcpConfig, NdtConfig, VerifyConfig};
 use crate::error::Result;
 use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt};
 use crate::locate::{Attempt, Run, candidate, guarded, point_to_plane};
@@ -118,9 +118,13 @@ impl Run<'_> {
             let n = cells.as_ref().map_or(0, count);
             (cells, n)
         })?;
+        let ndt_config = NdtConfig {
+            max_points: at_most(config.ndt.max_points, GLANCE),
+            ..config.ndt.clone()
+        };
         let places = self.stage("refine by NDT", poses.len(), || {
             let refine = |pose: &Pose| {
-                let refined = ndt::align(levels, map, query, pose, &config.ndt);
+                let refined = ndt::align(levels, map, query, pose, &ndt_config);
                 let (pose, stop) = (refined.map_from_query, Some(refined.stop));
                 candidate(pose, stop, map, query, glance)
             };
