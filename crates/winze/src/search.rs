@@ -16,6 +16,7 @@ use crate::error::Result;
 use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt};
 use crate::locate::{Attempt, Run, candidate, guarded, point_to_plane};
 use crate::ndt::NdtCells;
+use crate::outcome::Verdict;
 use crate::pose::Pose;
 use crate::verify::{Candidate, Judgement, by_evidence, confirmed, fit, hopeful, judge, rank};
 use crate::{icp, ndt};
@@ -44,25 +45,35 @@ impl Run<'_> {
                     continue;
                 }
             };
-            let judgement = self.weigh(map, query, found, &mut pool, (voxel, finest))?;
+            let verify = self.verify_at(finest);
+            let judgement = self.weigh(map, query, found, &mut pool, (voxel, finest), &verify)?;
+            let settled = judgement.verdict == Verdict::Located || sure(&pool, &verify);
             answer = Some(Attempt {
                 voxel: finest,
                 judgement,
                 ranked: pool.clone(),
             });
-            if self.settled(&pool) {
+            if settled {
                 return Ok(Attempt::last(answer));
             }
+        }
+        if leads(&pool, &self.config.verify) {
+            return Ok(Attempt::last(answer));
         }
         // What noise or a bend has blurred is told by larger patches, if by any.
         let mut coarser: Vec<f64> = sizes.iter().copied().filter(|v| *v > finest).collect();
         coarser.sort_by(f64::total_cmp);
         for voxel in coarser {
+            // Who asks more often is told yes by chance more often.
+            let verify = VerifyConfig {
+                min_significance: self.config.verify.again_significance,
+                ..self.verify_at(voxel)
+            };
             let mut again = Vec::new();
             let fittest = pool.len().min(self.config.verify.refined);
             let found = pool[..fittest].to_vec();
-            let judgement = self.weigh(map, query, found, &mut again, (finest, voxel))?;
-            if self.settled(&again) {
+            let judgement = self.weigh(map, query, found, &mut again, (finest, voxel), &verify)?;
+            if leads(&again, &verify) {
                 answer = Some(Attempt {
                     voxel,
                     judgement,
@@ -158,12 +169,6 @@ impl Run<'_> {
         }))
     }
 
-    /// The rock has confirmed the place that leads.
-    fn settled(&self, pool: &[Candidate]) -> bool {
-        let first = pool.first();
-        first.is_some_and(|c| confirmed(c, &self.config.verify))
-    }
-
     /// Adds what was `found` at a `voxel` size to the pool, and judges the pool `at` another.
     fn weigh(
         &mut self,
@@ -172,9 +177,9 @@ impl Run<'_> {
         found: Vec<Candidate>,
         pool: &mut Vec<Candidate>,
         (voxel, at): (f64, f64),
+        verify: &VerifyConfig,
     ) -> Result<Judgement> {
         let (config, request) = (self.config, self.request);
-        let verify = &self.verify_at(at);
         let points = query.limited(config).len();
         let query = self.stage("prepare query", points, || {
             let made = query.at(at, config);
@@ -221,4 +226,15 @@ impl Run<'_> {
             (judgement, n)
         }))
     }
+}
+
+/// The rock has confirmed the place that leads.
+fn leads(pool: &[Candidate], verify: &VerifyConfig) -> bool {
+    pool.first().is_some_and(|c| confirmed(c, verify))
+}
+
+/// And beyond all doubt.
+fn sure(pool: &[Candidate], verify: &VerifyConfig) -> bool {
+    let significance = |c: &Candidate| c.relief.map_or(0.0, |r| r.significance());
+    leads(pool, verify) && pool.first().map_or(0.0, significance) >= verify.sure_significance
 }

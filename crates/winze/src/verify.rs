@@ -417,8 +417,9 @@ fn nearer(
 /// candidate: `not_found`.
 ///
 /// Where the rock says that it is the same place ([`relief`], [`VerifyConfig::min_significance`]): a rival of which it
-/// says so too, with [`VerifyConfig::rival_excess`] of the best's excess: `ambiguous`. A direction with less than
-/// [`VerifyConfig::min_information`]: `degenerate`. Else `located`.
+/// says at least [`VerifyConfig::rival_excess`] of the best's excess, or, where it says so by less than
+/// [`VerifyConfig::sure_significance`], one that fits better by its shape: `ambiguous`. A direction with less than
+/// [`VerifyConfig::min_information_confirmed`]: `degenerate`. Else `located`.
 ///
 /// A place that the best one reaches by moving along such directions alone is no rival ([`degeneracy::reaches`]).
 ///
@@ -493,6 +494,9 @@ pub(crate) fn judge_against(
         config.merge_angle.to_radians(),
     ];
     let centroid = query.centroid().unwrap_or_default();
+    // The walls that repeat in a mine made of a few moulds can say yes a little too often to the wrong mould.
+    let unsure = relief.significance() < config.sure_significance;
+    let contradicts = |other: &Fit| unsure && other.fitness > fit.fitness;
     let is_rival = |c: &&Candidate| {
         let poses = (&best.map_from_query, &c.map_from_query);
         if degeneracy::reaches(&open, poses, centroid, merge) {
@@ -501,7 +505,9 @@ pub(crate) fn judge_against(
         // One that could not be asked is judged by its shape.
         let asked = c.relief.filter(|r| r.asked >= config.min_patches);
         if let (true, Some(r)) = (sure, asked) {
-            return confirmed(c, config) && r.excess() >= config.rival_excess * relief.excess();
+            let as_sure = c.fit.overlap >= config.least_overlap
+                && r.excess() >= config.rival_excess * relief.excess();
+            return as_sure || contradicts(&c.fit);
         }
         as_fine(&c.fit, fit, finest, config)
     };
@@ -522,7 +528,9 @@ pub(crate) fn judge_against(
             "{rivals} other place{} fit{} as well: {}",
             if rivals == 1 { "" } else { "s" },
             if rivals == 1 { "s" } else { "" },
-            if sure {
+            if sure && unsure {
+                format!("{asked}, too few more than elsewhere to overrule the shape")
+            } else if sure {
                 format!("{asked}, and enough of them elsewhere too")
             } else {
                 format!(

@@ -132,3 +132,43 @@ fn merging_keeps_the_fittest_of_each_place() {
         [0.6, 0.4]
     );
 }
+
+#[test]
+fn rock_that_says_yes_a_little_too_often_does_not_overrule_a_better_shape() {
+    let map = surface(&drift(90_000, 40.0, 0.4, 0.01, 1), 0.2);
+    let query = surface(&drift(60_000, 20.0, 0.4, 0.01, 2), 0.2);
+    let config = VerifyConfig::default();
+    let lies = |x: f64, fitness: f64, confirmed: usize| Candidate {
+        fit: Fit {
+            fitness,
+            overlap: 0.8,
+            ..candidate(&map, &query, Pose::identity()).fit
+        },
+        relief: Some(Relief {
+            asked: 140,
+            confirmed,
+            ..Relief::default()
+        }),
+        ..candidate(&map, &query, Pose::from_translation([x, 0.0, 0.0]))
+    };
+    let verdict =
+        |best: Candidate, other: Candidate| judge(&[best, other], &map, &query, &config).verdict;
+    // 61 of 140 is 2.6 standard deviations above chance, 120 is 13.
+    assert_eq!(
+        verdict(lies(0.0, 0.4, 61), lies(7.5, 0.5, 20)),
+        Verdict::Ambiguous
+    );
+    assert_eq!(
+        verdict(lies(0.0, 0.5, 61), lies(7.5, 0.4, 20)),
+        Verdict::Located
+    );
+    assert_eq!(
+        verdict(lies(0.0, 0.4, 120), lies(7.5, 0.5, 20)),
+        Verdict::Located
+    );
+    // And a rival need not be believed by itself to be one: 54 of 140 have half of what 61 exceed chance by.
+    assert_eq!(
+        verdict(lies(0.0, 0.5, 61), lies(7.5, 0.4, 54)),
+        Verdict::Ambiguous
+    );
+}
