@@ -95,11 +95,13 @@ fn transposed(m: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
     std::array::from_fn(|i| std::array::from_fn(|j| m[j][i]))
 }
 
-/// By how much a place may lie off the line along which another one slides, for each metre that it does.
+/// By how much a place may lie off the line along which another one slides, for each metre that it does,
 const STRAIGHT: f64 = 0.03;
+/// and at most, in merge distances: further off lies another passage.
+const ASIDE: f64 = 4.0;
 
 /// Whether motion along the `open` directions alone leads from the first pose (`map_from_query`) to the second: what is left of the way
-/// between them, at `centroid` of the query, is at most `merge` (metres, radians).
+/// between them, at `centroid` of the query, is at most `merge` (metres, radians), and somewhat more after a long slide.
 ///
 /// A turn about an open axis may be of any size, a slide goes along a straight line.
 #[must_use]
@@ -125,7 +127,7 @@ pub fn reaches(
         norm(along(way, DirectionKind::Translation)),
         norm(along(turn, DirectionKind::Rotation)),
     );
-    off <= metres + STRAIGHT * norm(way) && turned <= radians
+    off <= (metres + STRAIGHT * norm(way)).min(ASIDE * metres) && turned <= radians
 }
 
 #[cfg(test)]

@@ -24,7 +24,7 @@ use crate::prepare::Surface;
 use crate::refine::{Refined, StopReason, keep_better};
 use crate::region::Region;
 use crate::verify::{
-    Candidate, Judgement, ask_relief, fit, hopeful, insufficient, judge, judge_against, rank,
+    Candidate, Fit, Judgement, ask_relief, fit, hopeful, insufficient, judge, judge_against, rank,
     same_place,
 };
 use crate::{graph, icp, ndt, ransac, scale};
@@ -321,8 +321,12 @@ impl Run<'_> {
                 .iter()
                 .filter(|c| at_home(c))
                 .chain([&lead, &own])
-                .map(|c| c.fit.median_point_to_plane)
-                .fold(f64::INFINITY, f64::min);
+                .map(|c| c.fit)
+                .reduce(|a, b| Fit {
+                    median_point_to_plane: a.median_point_to_plane.min(b.median_point_to_plane),
+                    fitness: a.fitness.max(b.fitness),
+                    ..a
+                });
             refined.retain(|c| !at_home(c) && request.plausible(&c.map_from_query, centroid));
             let mut ranked = rank(refined, query, verify, map.voxel);
             // The rock is asked about the place, which an unrefined pose may miss by more than a patch bears.

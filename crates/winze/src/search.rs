@@ -5,8 +5,8 @@
 //!     features ─graph─> hypotheses ─shortlist, NDT, ICP─> candidates ─┐
 //!                                                                     v
 //!     pool of distinct places <──polish, fit, ask the rock── at the finest size
-//!     located? done
-//! not located: the pool again at coarser sizes, whose larger patches see past noise and bends
+//!     the rock confirms the best place beyond doubt? done
+//! it confirms none: the pool again at coarser sizes, whose larger patches see past noise and bends
 //! ```
 
 use rayon::prelude::*;
@@ -16,9 +16,10 @@ use crate::error::Result;
 use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt};
 use crate::locate::{Attempt, Run, candidate, guarded, point_to_plane};
 use crate::ndt::NdtCells;
-use crate::outcome::Verdict;
 use crate::pose::Pose;
-use crate::verify::{Candidate, Judgement, by_evidence, confirmed, fit, hopeful, judge, rank};
+use crate::verify::{
+    Candidate, Judgement, by_evidence, confirmed, fit, hopeful, judge, rank, same_place,
+};
 use crate::{icp, ndt};
 
 /// Times as many hypotheses begin with NDT as go on to ICP.
@@ -47,17 +48,17 @@ impl Run<'_> {
             };
             let verify = self.verify_at(finest);
             let judgement = self.weigh(map, query, found, &mut pool, (voxel, finest), &verify)?;
-            let settled = judgement.verdict == Verdict::Located || sure(&pool, &verify);
             answer = Some(Attempt {
                 voxel: finest,
                 judgement,
                 ranked: pool.clone(),
             });
-            if settled {
+            // What the rock confirms by a little, another size may yet contradict.
+            if sure(&pool, &verify) {
                 return Ok(Attempt::last(answer));
             }
         }
-        if leads(&pool, &self.config.verify) {
+        if pool.is_empty() || leads(&pool, &self.config.verify) {
             return Ok(Attempt::last(answer));
         }
         // What noise or a bend has blurred is told by larger patches, if by any.
@@ -65,9 +66,10 @@ impl Run<'_> {
         coarser.sort_by(f64::total_cmp);
         for voxel in coarser {
             // Who asks more often is told yes by chance more often.
+            let verify = self.verify_at(voxel);
             let verify = VerifyConfig {
-                min_significance: self.config.verify.again_significance,
-                ..self.verify_at(voxel)
+                min_significance: verify.again_significance.max(verify.min_significance),
+                ..verify
             };
             let mut again = Vec::new();
             let fittest = pool.len().min(self.config.verify.refined);
@@ -218,9 +220,18 @@ impl Run<'_> {
         let centroid = query.centroid().unwrap_or_default();
         Ok(self.stage("verify", found.len(), || {
             let plausible = |c: &Candidate| request.plausible(&c.map_from_query, centroid);
-            pool.extend(found.into_iter().filter(plausible));
+            // A confirmed place is not asked anew for having been found anew.
+            let known = |c: &Candidate| {
+                let held = |d: &Candidate| same_place(d, c, query, verify, at);
+                pool.iter().any(|d| confirmed(d, verify) && held(d))
+            };
+            let new: Vec<Candidate> = found.into_iter().filter(|c| !known(c)).collect();
+            pool.extend(new);
             *pool = rank(std::mem::take(pool), query, verify, at);
+            pool.retain(plausible);
             by_evidence(pool, map, query, verify, &icp_config);
+            // The pieces of a bent query may have led it out of what is known beforehand.
+            pool.retain(plausible);
             let judgement = judge(pool, map, query, verify);
             let n = pool.len();
             (judgement, n)

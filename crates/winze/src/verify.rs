@@ -432,9 +432,7 @@ pub fn judge(
     query: &Surface<'_>,
     config: &VerifyConfig,
 ) -> Judgement {
-    let finest = ranked
-        .first()
-        .map_or(f64::INFINITY, |c| c.fit.median_point_to_plane);
+    let finest = ranked.first().map(|c| c.fit);
     judge_against(ranked, finest, map, query, config)
 }
 
@@ -450,11 +448,11 @@ pub(crate) fn insufficient(query: &Surface<'_>, config: &VerifyConfig) -> Option
     })
 }
 
-/// As [`judge`], where the first candidate's place is known to fit within `finest` metres (median)
+/// As [`judge`], where the first candidate's place is known to fit as `finest` says
 /// once refined, though the candidate itself is not. Rivals, refined, must be compared with that.
 pub(crate) fn judge_against(
     ranked: &[Candidate],
-    finest: f64,
+    finest: Option<Fit>,
     map: &Surface<'_>,
     query: &Surface<'_>,
     config: &VerifyConfig,
@@ -496,7 +494,12 @@ pub(crate) fn judge_against(
     let centroid = query.centroid().unwrap_or_default();
     // The walls that repeat in a mine made of a few moulds can say yes a little too often to the wrong mould.
     let unsure = relief.significance() < config.sure_significance;
-    let contradicts = |other: &Fit| unsure && other.fitness > fit.fitness;
+    let finest = finest.unwrap_or(*fit);
+    let contradicts = |c: &Candidate| unsure && c.fit.fitness > finest.fitness.max(fit.fitness);
+    let as_sure = |c: &Candidate, r: &Relief| {
+        let enough = r.excess() >= config.rival_excess * relief.excess();
+        enough && c.fit.overlap >= config.least_overlap
+    };
     let is_rival = |c: &&Candidate| {
         let poses = (&best.map_from_query, &c.map_from_query);
         if degeneracy::reaches(&open, poses, centroid, merge) {
@@ -504,14 +507,19 @@ pub(crate) fn judge_against(
         }
         // One that could not be asked is judged by its shape.
         let asked = c.relief.filter(|r| r.asked >= config.min_patches);
-        if let (true, Some(r)) = (sure, asked) {
-            let as_sure = c.fit.overlap >= config.least_overlap
-                && r.excess() >= config.rival_excess * relief.excess();
-            return as_sure || contradicts(&c.fit);
+        match asked {
+            Some(r) if sure => as_sure(c, &r) || contradicts(c),
+            _ => {
+                as_fine(&c.fit, fit, finest.median_point_to_plane, config)
+                    || (sure && contradicts(c))
+            }
         }
-        as_fine(&c.fit, fit, finest, config)
     };
-    let rivals = ranked[1..].iter().filter(is_rival).count();
+    let rivals: Vec<&Candidate> = ranked[1..].iter().filter(is_rival).collect();
+    let by_shape_alone = rivals
+        .iter()
+        .all(|c| c.relief.is_none_or(|r| !as_sure(c, &r)));
+    let rivals = rivals.len();
     let asked = format!(
         "of {} patches of wall {} ({:.0} %) lie finest where they are{}",
         relief.asked,
@@ -528,8 +536,8 @@ pub(crate) fn judge_against(
             "{rivals} other place{} fit{} as well: {}",
             if rivals == 1 { "" } else { "s" },
             if rivals == 1 { "s" } else { "" },
-            if sure && unsure {
-                format!("{asked}, too few more than elsewhere to overrule the shape")
+            if sure && by_shape_alone {
+                format!("{asked}, too few more than chance gives to overrule the shape")
             } else if sure {
                 format!("{asked}, and enough of them elsewhere too")
             } else {

@@ -263,7 +263,7 @@ section! {
         min_significance: f64 = 2.0, NonNegative;
         /// or these, where a second look at coarser sizes asks them;
         again_significance: f64 = 3.0, NonNegative;
-        /// short of so many, no place of another shape may fit better.
+        /// short of so many, no other place may fit better by its shape.
         sure_significance: f64 = 4.0, NonNegative;
         /// Share of the best place's excess over chance from which a rival makes the answer ambiguous.
         rival_excess: f64 = 0.4, Between(0.0, 1.0);
