@@ -12,7 +12,7 @@ use crate::fit::fit_rigid;
 use crate::icp;
 use crate::pose::Pose;
 use crate::prepare::Surface;
-use crate::refine::{StopReason, sample};
+use crate::refine::{StopReason, sampled};
 use crate::vec3::{dot, sub, voxel_of};
 use crate::verify;
 
@@ -86,7 +86,7 @@ pub fn follow(
     order.sort_by(|&a, &b| lies[b].total_cmp(&lies[a]).then(a.cmp(&b)));
     let refine = |piece: &Piece, from: &Pose| -> Option<Pose> {
         let refined = icp::align(map, &piece.surface, from, &icp);
-        let points = sample(&piece.surface.points, POINTS).len();
+        let points = sampled(piece.surface.points.len(), POINTS);
         #[expect(clippy::cast_precision_loss, reason = "counts")]
         let on_map = refined.pairs as f64 / points.max(1) as f64;
         let centre = piece.surface.centroid()?;

@@ -99,12 +99,21 @@ pub fn keep_better(
 
 /// At most `limit` points (0: all), evenly spaced in the order given.
 pub(crate) fn sample(points: &[[f32; 3]], limit: usize) -> Vec<[f32; 3]> {
-    let stride = if limit == 0 {
+    let stride = stride(points.len(), limit);
+    points.iter().step_by(stride).copied().collect()
+}
+
+/// How many of `count` points [`sample`] takes.
+pub(crate) fn sampled(count: usize, limit: usize) -> usize {
+    count.div_ceil(stride(count, limit))
+}
+
+fn stride(count: usize, limit: usize) -> usize {
+    if limit == 0 {
         1
     } else {
-        points.len().div_ceil(limit).max(1)
-    };
-    points.iter().step_by(stride).copied().collect()
+        count.div_ceil(limit).max(1)
+    }
 }
 
 /// Mean of the points and their root mean square distance from it (at least a millimetre), the

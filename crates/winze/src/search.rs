@@ -18,7 +18,8 @@ use crate::locate::{Attempt, Run, candidate, guarded, point_to_plane};
 use crate::ndt::NdtCells;
 use crate::pose::Pose;
 use crate::verify::{
-    Candidate, Judgement, by_evidence, confirmed, fit, hopeful, judge, rank, same_place,
+    Candidate, Judgement, beyond_doubt, by_evidence, confirmed, fit, hopeful, judge, rank,
+    same_place,
 };
 use crate::{icp, ndt};
 
@@ -38,6 +39,7 @@ impl Run<'_> {
         let finest = sizes.iter().copied().fold(f64::INFINITY, f64::min);
         let mut pool: Vec<Candidate> = Vec::new();
         let mut answer: Option<Attempt> = None;
+        let verify = self.verify_at(finest);
         for &voxel in sizes {
             let found = match self.candidates(map, query, voxel, voxel <= finest)? {
                 Ok(found) => found,
@@ -46,7 +48,6 @@ impl Run<'_> {
                     continue;
                 }
             };
-            let verify = self.verify_at(finest);
             let judgement = self.weigh(map, query, found, &mut pool, (voxel, finest), &verify)?;
             answer = Some(Attempt {
                 voxel: finest,
@@ -54,11 +55,11 @@ impl Run<'_> {
                 ranked: pool.clone(),
             });
             // What the rock confirms by a little, another size may yet contradict.
-            if sure(&pool, &verify) {
+            if pool.first().is_some_and(|c| beyond_doubt(c, &verify)) {
                 return Ok(Attempt::last(answer));
             }
         }
-        if pool.is_empty() || leads(&pool, &self.config.verify) {
+        if pool.is_empty() || leads(&pool, &verify) {
             return Ok(Attempt::last(answer));
         }
         // What noise or a bend has blurred is told by larger patches, if by any.
@@ -66,11 +67,8 @@ impl Run<'_> {
         coarser.sort_by(f64::total_cmp);
         for voxel in coarser {
             // Who asks more often is told yes by chance more often.
-            let verify = self.verify_at(voxel);
-            let verify = VerifyConfig {
-                min_significance: verify.again_significance.max(verify.min_significance),
-                ..verify
-            };
+            let mut verify = self.verify_at(voxel);
+            verify.min_significance = verify.again_significance.max(verify.min_significance);
             let mut again = Vec::new();
             let fittest = pool.len().min(self.config.verify.refined);
             let found = pool[..fittest].to_vec();
@@ -200,7 +198,7 @@ impl Run<'_> {
             max_iterations: icp_config.max_iterations.div_ceil(2),
             ..icp_config.clone()
         };
-        let found = if voxel != at {
+        let mut found = if voxel != at {
             self.stage("polish", found.len(), || {
                 let hopeful = hopeful(&found, verify);
                 let polish = |(c, hopeful): (&Candidate, &bool)| {
@@ -225,10 +223,9 @@ impl Run<'_> {
                 let held = |d: &Candidate| same_place(d, c, query, verify, at);
                 pool.iter().any(|d| confirmed(d, verify) && held(d))
             };
-            let new: Vec<Candidate> = found.into_iter().filter(|c| !known(c)).collect();
-            pool.extend(new);
+            found.retain(|c| plausible(c) && !known(c));
+            pool.append(&mut found);
             *pool = rank(std::mem::take(pool), query, verify, at);
-            pool.retain(plausible);
             by_evidence(pool, map, query, verify, &icp_config);
             // The pieces of a bent query may have led it out of what is known beforehand.
             pool.retain(plausible);
@@ -242,10 +239,4 @@ impl Run<'_> {
 /// The rock has confirmed the place that leads.
 fn leads(pool: &[Candidate], verify: &VerifyConfig) -> bool {
     pool.first().is_some_and(|c| confirmed(c, verify))
-}
-
-/// And beyond all doubt.
-fn sure(pool: &[Candidate], verify: &VerifyConfig) -> bool {
-    let significance = |c: &Candidate| c.relief.map_or(0.0, |r| r.significance());
-    leads(pool, verify) && pool.first().map_or(0.0, significance) >= verify.sure_significance
 }

@@ -348,6 +348,12 @@ pub(crate) fn confirmed(candidate: &Candidate, config: &VerifyConfig) -> bool {
         })
 }
 
+/// And says so by enough that no shape overrules it.
+pub(crate) fn beyond_doubt(candidate: &Candidate, config: &VerifyConfig) -> bool {
+    let significance = candidate.relief.map_or(0.0, |r| r.significance());
+    confirmed(candidate, config) && significance >= config.sure_significance
+}
+
 /// Orders distinct candidates by how much of the rock says yes, asked at the fittest, then by fitness. Two that a bent query's pieces have
 /// led to one place become one.
 pub(crate) fn by_evidence(
@@ -432,8 +438,7 @@ pub fn judge(
     query: &Surface<'_>,
     config: &VerifyConfig,
 ) -> Judgement {
-    let finest = ranked.first().map(|c| c.fit);
-    judge_against(ranked, finest, map, query, config)
+    judge_against(ranked, None, map, query, config)
 }
 
 /// The judgement of a query with too little geometry to look for; `None` for one with enough.
@@ -448,7 +453,7 @@ pub(crate) fn insufficient(query: &Surface<'_>, config: &VerifyConfig) -> Option
     })
 }
 
-/// As [`judge`], where the first candidate's place is known to fit as `finest` says
+/// As [`judge`], where the first candidate's place may be known to fit as `finest` says
 /// once refined, though the candidate itself is not. Rivals, refined, must be compared with that.
 pub(crate) fn judge_against(
     ranked: &[Candidate],
@@ -493,9 +498,9 @@ pub(crate) fn judge_against(
     ];
     let centroid = query.centroid().unwrap_or_default();
     // The walls that repeat in a mine made of a few moulds can say yes a little too often to the wrong mould.
-    let unsure = relief.significance() < config.sure_significance;
+    let doubtful = sure && !beyond_doubt(best, config);
     let finest = finest.unwrap_or(*fit);
-    let contradicts = |c: &Candidate| unsure && c.fit.fitness > finest.fitness.max(fit.fitness);
+    let contradicts = |c: &Candidate| doubtful && c.fit.fitness > finest.fitness;
     let as_sure = |c: &Candidate, r: &Relief| {
         let enough = r.excess() >= config.rival_excess * relief.excess();
         enough && c.fit.overlap >= config.least_overlap
@@ -509,10 +514,7 @@ pub(crate) fn judge_against(
         let asked = c.relief.filter(|r| r.asked >= config.min_patches);
         match asked {
             Some(r) if sure => as_sure(c, &r) || contradicts(c),
-            _ => {
-                as_fine(&c.fit, fit, finest.median_point_to_plane, config)
-                    || (sure && contradicts(c))
-            }
+            _ => as_fine(&c.fit, fit, finest.median_point_to_plane, config) || contradicts(c),
         }
     };
     let rivals: Vec<&Candidate> = ranked[1..].iter().filter(is_rival).collect();
