@@ -12,7 +12,7 @@ use winze::config::{Config, IcpConfig, IcpMetric, Length};
 use winze::features::describe;
 use winze::matching::match_descriptors;
 use winze::prepare::prepare;
-use winze::{icp, ndt, ransac, scale, verify};
+use winze::{icp, judge, ndt, ransac, scale, verify};
 use winze_io::{ReadOptions, read_cloud};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -100,7 +100,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .collect();
     let mut ranked = verify::rank(candidates, &query, &config.verify, voxel);
     verify::ask_relief(&mut ranked, &map, &query, &config.verify, Some(&fine));
-    let judged = verify::judge(&ranked, &map, &query, &config.verify);
+    let judged = judge::judge(&ranked, &map, &query, &config.verify);
     println!("{}: {}", judged.verdict, judged.reason);
     if let Some(best) = ranked.first() {
         println!("{:?}", best.map_from_query.to_matrix());

@@ -46,7 +46,7 @@
 //! | nearest descriptors | [`matching::match_descriptors`] | [`Correspondence`](matching::Correspondence)s |
 //! | RANSAC; agreement | [`ransac::estimate`]; [`graph::oriented`], [`graph::poses`] | [`Hypothesis`](ransac::Hypothesis)es, best first |
 //! | NDT, ICP | [`ndt::align`], [`icp::align`] | [`Refined`](refine::Refined) |
-//! | dense evidence, the rock asked, verdict | [`verify::fit`], [`verify::ask_relief`], [`verify::judge`] | [`Verdict`] |
+//! | dense evidence, the rock asked, verdict | [`verify::fit`], [`verify::ask_relief`], [`judge::judge`] | [`Verdict`] |
 //!
 //! Where a map is asked more than once, [`locate_in`] with a [`KeptMap`] does the work on it once; a
 //! [`PreparedMap`] keeps it from one day to the next.
@@ -78,6 +78,7 @@ pub mod fpfh;
 pub mod graph;
 pub mod icp;
 pub mod iss;
+pub mod judge;
 pub mod kdtree;
 pub mod kept;
 pub mod locate;

@@ -14,6 +14,7 @@ use crate::cloud::Cloud;
 use crate::config::{Config, IcpConfig, IcpMetric, Length, MatchingConfig, VerifyConfig};
 use crate::error::{Error, Result};
 use crate::features::Features;
+use crate::judge::{Judgement, insufficient, judge, judge_against};
 use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt, Refiner};
 use crate::matching::match_descriptors;
 use crate::method::Method;
@@ -23,10 +24,7 @@ use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::refine::{Refined, StopReason, keep_better};
 use crate::region::Region;
-use crate::verify::{
-    Candidate, Fit, Judgement, ask_relief, fit, hopeful, insufficient, judge, judge_against, rank,
-    same_place,
-};
+use crate::verify::{Candidate, Fit, ask_relief, fit, hopeful, rank, same_place};
 use crate::{graph, icp, ndt, ransac, scale};
 
 pub use crate::request::{GRAVITY_TOLERANCE, Near, Progress, Request};

@@ -199,6 +199,10 @@ fn confirms(
     let own = frame.roughness(&points, [0.0, 0.0])?;
     let (mut ways, mut finest) = (0, true);
     for k in 0..WAYS {
+        let decided = ways >= LEAST_WAYS && !finest;
+        if decided || ways + (WAYS - k) < LEAST_WAYS {
+            break;
+        }
         let (s, c) = libm::sincos(std::f64::consts::TAU * k as f64 / DIRECTIONS as f64);
         let step = if k < DIRECTIONS { step } else { FURTHER * step };
         if let Some(moved) = frame.roughness(&points, [step * c, step * s]) {

@@ -13,13 +13,13 @@ use rayon::prelude::*;
 
 use crate::config::{IcpConfig, NdtConfig, VerifyConfig};
 use crate::error::Result;
+use crate::judge::{Judgement, judge};
 use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt};
 use crate::locate::{Attempt, Run, candidate, guarded, point_to_plane};
 use crate::ndt::NdtCells;
 use crate::pose::Pose;
 use crate::verify::{
-    Candidate, Judgement, beyond_doubt, by_evidence, confirmed, fit, hopeful, judge, rank,
-    same_place,
+    Candidate, beyond_doubt, by_evidence, confirmed, fit, hopeful, rank, same_place,
 };
 use crate::{icp, ndt};
 
@@ -66,9 +66,7 @@ impl Run<'_> {
         let mut coarser: Vec<f64> = sizes.iter().copied().filter(|v| *v > finest).collect();
         coarser.sort_by(f64::total_cmp);
         for voxel in coarser {
-            // Who asks more often is told yes by chance more often.
-            let mut verify = self.verify_at(voxel);
-            verify.min_significance = verify.again_significance.max(verify.min_significance);
+            let verify = self.verify_at(voxel);
             let mut again = Vec::new();
             let fittest = pool.len().min(self.config.verify.refined);
             let found = pool[..fittest].to_vec();
@@ -97,7 +95,6 @@ impl Run<'_> {
     ) -> Result<Vec<Candidate>> {
         let config = self.config;
         let query = &query.surface;
-        let at_most = |own: usize, points: usize| if own == 0 { points } else { own.min(points) };
         let glance = &VerifyConfig {
             max_points: at_most(verify.max_points, GLANCE),
             ..verify.clone()
@@ -196,6 +193,7 @@ impl Run<'_> {
         // From where the last size left it, a right pose has not far to go; a wrong one never arrives.
         let polish_config = IcpConfig {
             max_iterations: icp_config.max_iterations.div_ceil(2),
+            max_points: at_most(icp_config.max_points, 2 * GLANCE),
             ..icp_config.clone()
         };
         let mut found = if voxel != at {
@@ -234,6 +232,11 @@ impl Run<'_> {
             (judgement, n)
         }))
     }
+}
+
+/// A limit on points of its `own`, where 0 is none, made no larger than `points`.
+fn at_most(own: usize, points: usize) -> usize {
+    if own == 0 { points } else { own.min(points) }
 }
 
 /// The rock has confirmed the place that leads.

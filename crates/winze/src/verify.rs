@@ -1,16 +1,11 @@
-//! Does the query really lie there? Dense evidence for one pose, and the verdict over several.
+//! Does the query really lie there? Dense evidence for each pose, on which the verdict rests ([`judge`](mod@crate::judge)).
 //!
 //! The paper's inlier share at 0.5 m is nearly as high in a passage's twin as in the passage itself.
 //! Point-to-plane residuals are several times larger there, so fitness is counted at a fine
-//! tolerance in the normal direction, and places are judged against each other: one that fits as finely
-//! as the best wherever it overlaps is a rival, even where it overlaps less, since a map may simply
-//! end there.
+//! tolerance in the normal direction, and the rock is asked, patch by patch, whether it is the same ([`relief`]).
 
 use crate::bend;
 use crate::config::{IcpConfig, VerifyConfig};
-use crate::degeneracy::{self, Unobservable};
-use crate::icp::{self, Information};
-use crate::outcome::Verdict;
 use crate::parallel;
 use crate::pose::Pose;
 use crate::prepare::Surface;
@@ -48,32 +43,6 @@ pub struct Candidate {
     pub relief: Option<Relief>,
     /// Why its refiner stopped; `None` where it was not refined.
     pub stop: Option<StopReason>,
-}
-
-/// What [`judge`] makes of the candidates.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Judgement {
-    /// The answer in a word.
-    pub verdict: Verdict,
-    /// And in a sentence.
-    pub reason: String,
-    /// Directions that the geometry leaves open at the best pose; `None` where the fit was too poor to
-    /// ask.
-    pub unobservable: Option<Vec<Unobservable>>,
-    /// What a point-to-plane fit says about the best pose; `None` likewise.
-    pub information: Option<Information>,
-}
-
-impl Judgement {
-    /// A verdict that says nothing about a pose, or only that it is a poor one.
-    pub(crate) fn refused(verdict: Verdict, reason: String) -> Self {
-        Self {
-            verdict,
-            reason,
-            unobservable: None,
-            information: None,
-        }
-    }
 }
 
 /// A query point's distance from the nearest point of the map and from its tangent plane; `None` where there is none
@@ -283,7 +252,7 @@ pub fn ask_relief(
 }
 
 /// A place fits as finely as another one whose median residual, refined, is `finest`, on enough of its overlap.
-fn as_fine(fit: &Fit, other: &Fit, finest: f64, config: &VerifyConfig) -> bool {
+pub(crate) fn as_fine(fit: &Fit, other: &Fit, finest: f64, config: &VerifyConfig) -> bool {
     fit.overlap >= config.rival_overlap * other.overlap
         && fit.median_point_to_plane <= config.rival_residual * finest
 }
@@ -415,209 +384,6 @@ fn nearer(
     let apart = a.map_from_query.distance(&b.map_from_query, centroid);
     apart.translation < config.merge_distance.metres(voxel) + longer
         && apart.rotation < config.merge_angle.to_radians()
-}
-
-/// The verdict over distinct candidates, the one to answer with first.
-///
-/// The rules, in order. Fewer than [`VerifyConfig::min_points`] query points with a normal: `insufficient`. No
-/// candidate: `not_found`.
-///
-/// Where the rock says that it is the same place ([`relief`], [`VerifyConfig::min_significance`]): a rival of which it
-/// says at least [`VerifyConfig::rival_excess`] of the best's excess, or, where it says so by less than
-/// [`VerifyConfig::sure_significance`], one that fits better by its shape: `ambiguous`. A direction with less than
-/// [`VerifyConfig::min_information_confirmed`]: `degenerate`. Else `located`.
-///
-/// A place that the best one reaches by moving along such directions alone is no rival ([`degeneracy::reaches`]).
-///
-/// Where it does not: too little overlap or too few points that lie finely: `not_found`. A rival that fits as finely: `ambiguous`. Too little
-/// rock to ask: `insufficient`. An open direction: `degenerate`. Else, where the rock said no: `not_found`.
-#[must_use]
-pub fn judge(
-    ranked: &[Candidate],
-    map: &Surface<'_>,
-    query: &Surface<'_>,
-    config: &VerifyConfig,
-) -> Judgement {
-    judge_against(ranked, None, map, query, config)
-}
-
-/// The judgement of a query with too little geometry to look for; `None` for one with enough.
-pub(crate) fn insufficient(query: &Surface<'_>, config: &VerifyConfig) -> Option<Judgement> {
-    let with_normal = query.normals.iter().filter(|n| **n != [0.0; 3]).count();
-    (with_normal < config.min_points).then(|| {
-        let reason = format!(
-            "{with_normal} of the query's points are left with a surface normal at a voxel size of {:.3} m; at least {} are needed",
-            query.voxel, config.min_points
-        );
-        Judgement::refused(Verdict::Insufficient, reason)
-    })
-}
-
-/// As [`judge`], where the first candidate's place may be known to fit as `finest` says
-/// once refined, though the candidate itself is not. Rivals, refined, must be compared with that.
-pub(crate) fn judge_against(
-    ranked: &[Candidate],
-    finest: Option<Fit>,
-    map: &Surface<'_>,
-    query: &Surface<'_>,
-    config: &VerifyConfig,
-) -> Judgement {
-    if let Some(insufficient) = insufficient(query, config) {
-        return insufficient;
-    }
-    let Some(best) = ranked.first() else {
-        let reason = "no pose has enough matching keypoints behind it".into();
-        return Judgement::refused(Verdict::NotFound, reason);
-    };
-    let fit = &best.fit;
-    let relief = best.relief.unwrap_or_default();
-    let sure = confirmed(best, config);
-    if !sure && let Some(reason) = unfit(fit, map, config) {
-        return Judgement::refused(Verdict::NotFound, reason);
-    }
-    let information = icp::information(
-        map,
-        query,
-        &best.map_from_query,
-        config.overlap_distance.metres(map.voxel),
-        config.max_points,
-    );
-    // Rock that lies finest unmoved resists being moved, however little its normals say so.
-    let least = if sure {
-        config.min_information_confirmed
-    } else {
-        config.min_information
-    };
-    let open: Vec<Unobservable> = degeneracy::directions(&information)
-        .into_iter()
-        .filter(|d| d.information < least)
-        .collect();
-    let merge = [
-        config.merge_distance.metres(map.voxel),
-        config.merge_angle.to_radians(),
-    ];
-    let centroid = query.centroid().unwrap_or_default();
-    // The walls that repeat in a mine made of a few moulds can say yes a little too often to the wrong mould.
-    let doubtful = sure && !beyond_doubt(best, config);
-    let finest = finest.unwrap_or(*fit);
-    let contradicts = |c: &Candidate| doubtful && c.fit.fitness > finest.fitness;
-    let as_sure = |c: &Candidate, r: &Relief| {
-        let enough = r.excess() >= config.rival_excess * relief.excess();
-        enough && c.fit.overlap >= config.least_overlap
-    };
-    let is_rival = |c: &&Candidate| {
-        let poses = (&best.map_from_query, &c.map_from_query);
-        if degeneracy::reaches(&open, poses, centroid, merge) {
-            return false;
-        }
-        // One that could not be asked is judged by its shape.
-        let asked = c.relief.filter(|r| r.asked >= config.min_patches);
-        match asked {
-            Some(r) if sure => as_sure(c, &r) || contradicts(c),
-            _ => as_fine(&c.fit, fit, finest.median_point_to_plane, config) || contradicts(c),
-        }
-    };
-    let rivals: Vec<&Candidate> = ranked[1..].iter().filter(is_rival).collect();
-    let by_shape_alone = rivals
-        .iter()
-        .all(|c| c.relief.is_none_or(|r| !as_sure(c, &r)));
-    let rivals = rivals.len();
-    let asked = format!(
-        "of {} patches of wall {} ({:.0} %) lie finest where they are{}",
-        relief.asked,
-        relief.confirmed,
-        100.0 * relief.share(),
-        match relief.bend {
-            Some(bend) if relief.piecewise =>
-                format!(", piece by piece, {bend:.2} m (root mean square) off one rigid pose"),
-            _ => String::new(),
-        }
-    );
-    let (verdict, reason) = if rivals > 0 {
-        let reason = format!(
-            "{rivals} other place{} fit{} as well: {}",
-            if rivals == 1 { "" } else { "s" },
-            if rivals == 1 { "s" } else { "" },
-            if sure && by_shape_alone {
-                format!("{asked}, too few more than chance gives to overrule the shape")
-            } else if sure {
-                format!("{asked}, and enough of them elsewhere too")
-            } else {
-                format!(
-                    "as finely on at least {:.0} % of the overlap, and {asked}, too few to tell",
-                    100.0 * config.rival_overlap
-                )
-            }
-        );
-        (Verdict::Ambiguous, reason)
-    } else if !sure && relief.asked < config.min_patches {
-        let reason = format!(
-            "the shape fits, but only {} patches of wall could be asked whether it is the same rock; at least {} are needed",
-            relief.asked, config.min_patches
-        );
-        (Verdict::Insufficient, reason)
-    } else if let Some(d) = open.first() {
-        let reason = format!(
-            "nothing in the geometry resists {} ({:.2}, {:.2}, {:.2}); {asked}{}",
-            match d.kind {
-                degeneracy::DirectionKind::Translation => "sliding along",
-                degeneracy::DirectionKind::Rotation => "turning about",
-            },
-            d.direction[0],
-            d.direction[1],
-            d.direction[2],
-            if sure {
-                ""
-            } else {
-                ", so that the place rests on its shape alone"
-            }
-        );
-        (Verdict::Degenerate, reason)
-    } else if sure {
-        let others = match ranked.len() {
-            1 => "no other place came up".into(),
-            2 => "the one other place weighed does not come close".into(),
-            n => format!("none of the {} other places weighed comes close", n - 1),
-        };
-        let reason = format!(
-            "{:.0} % of the query lies on the map's surface, half of that within {:.3} m; {asked}, where chance gives 33 % at most; and {others}",
-            100.0 * fit.overlap,
-            fit.median_point_to_plane
-        );
-        (Verdict::Located, reason)
-    } else {
-        let reason = format!(
-            "the shape fits, but not the rock: {asked}, not enough more than chance gives (33 % and {:.1} standard deviations)",
-            config.min_significance
-        );
-        (Verdict::NotFound, reason)
-    };
-    Judgement {
-        verdict,
-        reason,
-        unobservable: Some(open),
-        information: Some(information),
-    }
-}
-
-/// Why a pose does not fit by its shape; `None` where it does.
-fn unfit(fit: &Fit, map: &Surface<'_>, config: &VerifyConfig) -> Option<String> {
-    if fit.overlap < config.min_overlap || fit.overlap <= 0.0 {
-        return Some(format!(
-            "the best pose found puts {:.0} % of the query on the map's surface, below the {:.0} % asked for where the rock does not tell",
-            100.0 * fit.overlap,
-            100.0 * config.min_overlap
-        ));
-    }
-    let fine = fit.fitness / fit.overlap;
-    (fine < config.min_fine_share).then(|| {
-        format!(
-            "of the overlapping points {:.0} % lie within {:.3} m of the map's surface, below the {:.0} % asked for",
-            100.0 * fine,
-            config.fine_tolerance.metres(map.voxel),
-            100.0 * config.min_fine_share
-        )
-    })
 }
 
 #[cfg(test)]

@@ -260,9 +260,7 @@ section! {
         /// Patches that must have been asked for a place to be believed,
         min_patches: usize = 15, Between(1.0, 1e6);
         /// and the standard deviations by which those that say yes must exceed chance,
-        min_significance: f64 = 2.0, NonNegative;
-        /// or these, where a second look at coarser sizes asks them;
-        again_significance: f64 = 3.0, NonNegative;
+        min_significance: f64 = 3.0, NonNegative;
         /// short of so many, no other place may fit better by its shape.
         sure_significance: f64 = 4.0, NonNegative;
         /// Share of the best place's excess over chance from which a rival makes the answer ambiguous.

@@ -2,6 +2,8 @@
 
 use super::*;
 use crate::config::VerifyConfig;
+use crate::judge::judge;
+use crate::outcome::Verdict;
 use crate::test_world::{drift, surface};
 
 fn candidate(map: &Surface<'_>, query: &Surface<'_>, pose: Pose) -> Candidate {
@@ -153,22 +155,43 @@ fn rock_that_says_yes_a_little_too_often_does_not_overrule_a_better_shape() {
     };
     let verdict =
         |best: Candidate, other: Candidate| judge(&[best, other], &map, &query, &config).verdict;
-    // 61 of 140 is 2.6 standard deviations above chance, 120 is 13.
+    // 66 of 140 is 3.5 standard deviations above chance, 120 is 13; 60 is 2.4.
     assert_eq!(
-        verdict(lies(0.0, 0.4, 61), lies(7.5, 0.5, 20)),
+        verdict(lies(0.0, 0.4, 66), lies(7.5, 0.5, 20)),
         Verdict::Ambiguous
     );
     assert_eq!(
-        verdict(lies(0.0, 0.5, 61), lies(7.5, 0.4, 20)),
+        verdict(lies(0.0, 0.5, 66), lies(7.5, 0.4, 20)),
         Verdict::Located
     );
     assert_eq!(
         verdict(lies(0.0, 0.4, 120), lies(7.5, 0.5, 20)),
         Verdict::Located
     );
-    // And a rival need not be believed by itself to be one: 54 of 140 have half of what 61 exceed chance by.
+    assert_ne!(
+        verdict(lies(0.0, 0.5, 60), lies(7.5, 0.4, 20)),
+        Verdict::Located
+    );
+    // And a rival need not be believed by itself to be one: 56 of 140 have half of what 66 exceed chance by.
     assert_eq!(
-        verdict(lies(0.0, 0.5, 61), lies(7.5, 0.4, 54)),
+        verdict(lies(0.0, 0.5, 66), lies(7.5, 0.4, 56)),
         Verdict::Ambiguous
+    );
+    // One that is, is one even where far less of it can be asked: 16 of 20 are 4.4 standard deviations.
+    let partly_mapped = |confirmed| Candidate {
+        relief: Some(Relief {
+            asked: 20,
+            confirmed,
+            ..Relief::default()
+        }),
+        ..lies(7.5, 0.4, 20)
+    };
+    assert_eq!(
+        verdict(lies(0.0, 0.5, 120), partly_mapped(16)),
+        Verdict::Ambiguous
+    );
+    assert_eq!(
+        verdict(lies(0.0, 0.5, 120), partly_mapped(12)),
+        Verdict::Located
     );
 }
