@@ -172,6 +172,9 @@ mod tests {
         };
         assert!(same(&slide, [6.0, 8.0, 0.1], [0.0, 0.0, 0.02]));
         assert!(!same(&slide, [0.8, -0.6, 0.0], [0.0; 3]), "a step aside");
+        // Half a metre aside after 10 m is still the same line; a metre is the next passage, however far along.
+        assert!(same(&slide, [6.36, 7.73, 0.0], [0.0; 3]));
+        assert!(!same(&slide, [60.8, 79.4, 0.0], [0.0; 3]));
         assert!(
             !same(&slide, [6.0, 8.0, 0.0], [0.0, 0.0, 3.1]),
             "the other way round"

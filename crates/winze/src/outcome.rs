@@ -64,8 +64,8 @@ pub struct Stage {
 pub struct RankedHypothesis {
     /// Takes query points to the map.
     pub map_from_query: Pose,
-    /// Share of the query's prepared points that lie finely on the map's surface; places are
-    /// ranked by it.
+    /// Share of the query's prepared points that lie finely on the map's surface. Places are ranked by what the rock says, then
+    /// by it.
     pub score: f64,
     /// Median distance of the overlapping points from the map's tangent planes, metres; `None`
     /// where nothing overlaps.
