@@ -42,7 +42,7 @@ impl Judgement {
 /// The rules, in order. Fewer than [`VerifyConfig::min_points`] query points with a normal: `insufficient`. No
 /// candidate: `not_found`.
 ///
-/// Where the rock says that it is the same place ([`relief`], [`VerifyConfig::min_significance`]): a rival of which it
+/// Where the rock says that it is the same place ([`relief`](crate::relief), [`VerifyConfig::min_significance`]): a rival of which it
 /// says at least [`VerifyConfig::rival_excess`] of the best's excess, or says so by
 /// [`VerifyConfig::sure_significance`] on its own, or, where it says so by less than
 /// [`VerifyConfig::sure_significance`], one that fits better by its shape: `ambiguous`. A direction with less than
@@ -136,24 +136,13 @@ pub(crate) fn judge_against(
         let asked = c.relief.filter(|r| r.asked >= config.min_patches);
         match asked {
             Some(r) if sure => as_sure(c, &r) || contradicts(c),
-            _ => as_fine(&c.fit, fit, finest.median_point_to_plane, config) || contradicts(c),
+            _ => {
+                let as_fine = as_fine(&c.fit, fit, finest.median_point_to_plane, config);
+                as_fine || contradicts(c) || beyond_doubt(c, config)
+            }
         }
     };
     let rivals: Vec<&Candidate> = ranked[1..].iter().filter(is_rival).collect();
-    let by_shape_alone = rivals
-        .iter()
-        .all(|c| c.relief.is_none_or(|r| !as_sure(c, &r)));
-    let strongest = strongest(&rivals).map_or_else(String::new, |(c, r)| {
-        let way = best.map_from_query.distance(&c.map_from_query, centroid);
-        format!(
-            " ({} of {} at the strongest, {:.1} m and {:.0}° away)",
-            r.confirmed,
-            r.asked,
-            way.translation,
-            way.rotation.to_degrees()
-        )
-    });
-    let rivals = rivals.len();
     let asked = format!(
         "of {} patches of wall {} ({:.0} %) lie finest where they are{}",
         relief.asked,
@@ -165,21 +154,43 @@ pub(crate) fn judge_against(
             _ => String::new(),
         }
     );
-    let (verdict, reason) = if rivals > 0 {
-        let reason = format!(
-            "{rivals} other place{} fit{} as well: {}",
-            if rivals == 1 { "" } else { "s" },
-            if rivals == 1 { "s" } else { "" },
-            if sure && by_shape_alone {
+    let (verdict, reason) = if !rivals.is_empty() {
+        let backed: Vec<&Candidate> = rivals
+            .iter()
+            .copied()
+            .filter(|c| c.relief.is_some_and(|r| as_sure(c, &r)))
+            .collect();
+        let elsewhere = strongest(&backed).map(|(c, r)| {
+            let way = best.map_from_query.distance(&c.map_from_query, centroid);
+            format!(
+                "{} of {} do, {:.1} m and {:.0}° away",
+                r.confirmed,
+                r.asked,
+                way.translation,
+                way.rotation.to_degrees()
+            )
+        });
+        let why = match elsewhere {
+            Some(elsewhere) if sure => {
+                format!("{asked}, and of those of another place {elsewhere}")
+            }
+            _ if doubtful => {
                 format!("{asked}, too few more than chance gives to overrule the shape")
-            } else if sure {
-                format!("{asked}, and enough of them elsewhere too{strongest}")
-            } else {
+            }
+            _ if sure => {
                 format!(
-                    "as finely on at least {:.0} % of the overlap, and {asked}, too few to tell",
-                    100.0 * config.rival_overlap
+                    "{asked}, but that shape lies elsewhere too, where the wall cannot be asked"
                 )
             }
+            _ => format!(
+                "as finely on at least {:.0} % of the overlap, and {asked}, too few to tell",
+                100.0 * config.rival_overlap
+            ),
+        };
+        let n = rivals.len();
+        let reason = format!(
+            "{n} other place{} cannot be ruled out: {why}",
+            if n == 1 { "" } else { "s" }
         );
         (Verdict::Ambiguous, reason)
     } else if !sure && relief.asked < config.min_patches {
@@ -206,15 +217,20 @@ pub(crate) fn judge_against(
         );
         (Verdict::Degenerate, reason)
     } else if sure {
-        let others: Vec<&Candidate> = ranked[1..].iter().collect();
-        let theirs = self::strongest(&others).map_or_else(
-            || "none could be asked".into(),
-            |(_, r)| format!("{} of {} at most", r.confirmed, r.asked),
-        );
-        let others = match others.len() {
-            0 => "no other place came up".into(),
-            1 => format!("the one other place weighed does not come close ({theirs})"),
-            n => format!("none of the {n} other places weighed comes close ({theirs})"),
+        let weighed: Vec<&Candidate> = ranked[1..]
+            .iter()
+            .filter(|c| c.relief.is_some_and(|r| r.asked >= config.min_patches))
+            .collect();
+        let theirs = strongest(&weighed).map_or_else(String::new, |(_, r)| {
+            format!(" ({} of {} patches in the best)", r.confirmed, r.asked)
+        });
+        let others = match ranked.len() {
+            1 => "no other place came up".into(),
+            2 => format!("the one other place weighed does not come close{theirs}"),
+            n => format!(
+                "none of the {} other places weighed comes close{theirs}",
+                n - 1
+            ),
         };
         let reason = format!(
             "{:.0} % of the query lies on the map's surface, half of that within {:.3} m; {asked}, where chance gives 33 % at most; and {others}",
@@ -240,7 +256,6 @@ pub(crate) fn judge_against(
 /// The one of `places` of which the rock says most, and what it says.
 fn strongest<'a>(places: &[&'a Candidate]) -> Option<(&'a Candidate, Relief)> {
     let asked = places.iter().filter_map(|c| Some((*c, c.relief?)));
-    let asked = asked.filter(|(_, r)| r.asked > 0);
     asked.max_by(|(_, a), (_, b)| a.excess().total_cmp(&b.excess()))
 }
 
@@ -263,3 +278,6 @@ fn unfit(fit: &Fit, map: &Surface<'_>, config: &VerifyConfig) -> Option<String> 
         )
     })
 }
+
+#[cfg(test)]
+mod tests;

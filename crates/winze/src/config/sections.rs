@@ -261,9 +261,9 @@ section! {
         min_patches: usize = 15, Between(1.0, 1e6);
         /// and the standard deviations by which those that say yes must exceed chance,
         min_significance: f64 = 3.0, NonNegative;
-        /// short of so many, no other place may fit better by its shape.
+        /// short of so many, no other place may fit better by its shape; a place that has so many is a rival of any other,
         sure_significance: f64 = 4.0, NonNegative;
-        /// Share of the best place's excess over chance from which a rival makes the answer ambiguous.
+        /// and so is one with this share of the best place's excess over chance: the answer is ambiguous.
         rival_excess: f64 = 0.4, Between(0.0, 1.0);
         /// Overlap below which no place is believed, whatever the rock says.
         least_overlap: f64 = 0.1, Between(0.0, 1.0);
