@@ -45,8 +45,9 @@ impl Judgement {
 /// Where the rock says that it is the same place ([`relief`](crate::relief), [`VerifyConfig::min_significance`]): a rival of which it
 /// says at least [`VerifyConfig::rival_excess`] of the best's excess, or says so by
 /// [`VerifyConfig::sure_significance`] on its own, or, where it says so by less than
-/// [`VerifyConfig::sure_significance`], one that fits better by its shape: `ambiguous`. A direction with less than
-/// [`VerifyConfig::min_information_confirmed`]: `degenerate`. Else `located`.
+/// [`VerifyConfig::sure_significance`], one that fits better by its shape: `ambiguous`. Too few points that lie finely, though
+/// the pose is not that of its pieces: `not_found`, for the rock of one end says nothing of where a bent query's other end puts its
+/// middle. A direction with less than [`VerifyConfig::min_information_confirmed`]: `degenerate`. Else `located`.
 ///
 /// A place that the best one reaches by moving along such directions alone is no rival ([`degeneracy::reaches`]).
 ///
@@ -199,6 +200,14 @@ pub(crate) fn judge_against(
             relief.asked, config.min_patches
         );
         (Verdict::Insufficient, reason)
+    } else if sure && !relief.piecewise && loose(&finest, config) {
+        let reason = format!(
+            "the rock says that it is this place ({asked}), but no one pose lays the query on it: of the overlapping points {:.0} % lie within {:.3} m of the map's surface, below the {:.0} % asked for; it is bent or blurred, and cannot be followed piece by piece",
+            100.0 * finest.fitness / fit.overlap.max(f64::MIN_POSITIVE),
+            config.fine_tolerance.metres(map.voxel),
+            100.0 * config.min_fine_share
+        );
+        (Verdict::NotFound, reason)
     } else if let Some(d) = open.first() {
         let reason = format!(
             "nothing in the geometry resists {} ({:.2}, {:.2}, {:.2}); {asked}{}",
@@ -259,6 +268,11 @@ fn strongest<'a>(places: &[&'a Candidate]) -> Option<(&'a Candidate, Relief)> {
     asked.max_by(|(_, a), (_, b)| a.excess().total_cmp(&b.excess()))
 }
 
+/// Of what overlaps too little lies finely for one rigid pose.
+fn loose(fit: &Fit, config: &VerifyConfig) -> bool {
+    fit.fitness < config.min_fine_share * fit.overlap
+}
+
 /// Why a pose does not fit by its shape; `None` where it does.
 fn unfit(fit: &Fit, map: &Surface<'_>, config: &VerifyConfig) -> Option<String> {
     if fit.overlap < config.min_overlap || fit.overlap <= 0.0 {
@@ -268,11 +282,10 @@ fn unfit(fit: &Fit, map: &Surface<'_>, config: &VerifyConfig) -> Option<String> 
             100.0 * config.min_overlap
         ));
     }
-    let fine = fit.fitness / fit.overlap;
-    (fine < config.min_fine_share).then(|| {
+    loose(fit, config).then(|| {
         format!(
             "of the overlapping points {:.0} % lie within {:.3} m of the map's surface, below the {:.0} % asked for",
-            100.0 * fine,
+            100.0 * fit.fitness / fit.overlap,
             config.fine_tolerance.metres(map.voxel),
             100.0 * config.min_fine_share
         )

@@ -115,3 +115,35 @@ fn rock_that_says_yes_a_little_too_often_does_not_overrule_a_better_shape() {
     let other = judged(lies(0.0, 0.9, 40), partly_mapped(16));
     assert_eq!(other.verdict, Verdict::Ambiguous, "{}", other.reason);
 }
+
+#[test]
+fn the_rock_of_one_end_does_not_place_a_bent_query() {
+    let map = surface(&drift(90_000, 40.0, 0.4, 0.01, 1), 0.2);
+    let query = surface(&drift(60_000, 20.0, 0.4, 0.01, 2), 0.2);
+    let config = VerifyConfig::default();
+    let lies = |fitness: f64, piecewise| Candidate {
+        fit: Fit {
+            fitness,
+            overlap: 0.7,
+            ..candidate(&map, &query, Pose::identity()).fit
+        },
+        relief: Some(Relief {
+            asked: 70,
+            confirmed: 45,
+            piecewise,
+            ..Relief::default()
+        }),
+        ..candidate(&map, &query, Pose::identity())
+    };
+    let judged = |c: Candidate| judge(&[c], &map, &query, &config);
+    assert_eq!(judged(lies(0.5, false)).verdict, Verdict::Located);
+    let bent = judged(lies(0.3, false));
+    assert_eq!(bent.verdict, Verdict::NotFound);
+    assert!(bent.reason.contains("no one pose"), "{}", bent.reason);
+    // The pose of its pieces lies loosely as a whole, and is right.
+    assert_eq!(judged(lies(0.3, true)).verdict, Verdict::Located);
+    // A pose that is not refined is held against its refinement.
+    let refined = lies(0.5, false).fit;
+    let rough = judge_against(&[lies(0.3, false)], Some(refined), &map, &query, &config);
+    assert_eq!(rough.verdict, Verdict::Located, "{}", rough.reason);
+}
