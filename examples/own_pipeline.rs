@@ -90,12 +90,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 "{} inliers, NDT: {}, ICP: {}",
                 h.inliers, coarse.stop, refined.stop
             );
-            verify::Candidate {
-                map_from_query: refined.map_from_query,
-                fit: verify::fit(&map, &query, &refined.map_from_query, &config.verify),
-                relief: None,
-                stop: Some(refined.stop),
-            }
+            let (pose, stop) = (refined.map_from_query, Some(refined.stop));
+            verify::candidate(&map, &query, &pose, stop, &config.verify)
         })
         .collect();
     let mut ranked = verify::rank(candidates, &query, &config.verify, voxel);

@@ -18,7 +18,7 @@ use winze::matching::match_descriptors;
 use winze::ndt::NdtCells;
 use winze::prepare::{Surface, prepare};
 use winze::refine::keep_better;
-use winze::verify::{Candidate, fit};
+use winze::verify::{Candidate, candidate};
 use winze::{Cloud, Pose, icp, ndt, ransac, scale};
 
 const MINES: u64 = 10;
@@ -90,12 +90,7 @@ impl Prepared<'_> {
     }
 
     fn candidate(&self, pose: Pose, config: &Config) -> Candidate {
-        Candidate {
-            relief: None,
-            map_from_query: pose,
-            fit: fit(self.map, &self.query, &pose, &config.verify),
-            stop: None,
-        }
+        candidate(self.map, &self.query, &pose, None, &config.verify)
     }
 
     fn keep_better(&self, before: Candidate, after: Candidate, config: &Config) -> Candidate {

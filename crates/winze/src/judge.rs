@@ -9,7 +9,7 @@ use crate::icp::{self, Information};
 use crate::outcome::Verdict;
 use crate::prepare::Surface;
 use crate::relief::Relief;
-use crate::verify::{Candidate, Fit, as_fine, beyond_doubt, confirmed};
+use crate::verify::{Candidate, Fit, as_fine, asked_enough, beyond_doubt, confirmed};
 
 /// What [`judge`] makes of the candidates.
 #[derive(Debug, Clone, PartialEq)]
@@ -134,8 +134,7 @@ pub(crate) fn judge_against(
             return false;
         }
         // One that could not be asked is judged by its shape.
-        let asked = c.relief.filter(|r| r.asked >= config.min_patches);
-        match asked {
+        match asked_enough(c, config) {
             Some(r) if sure => as_sure(c, &r) || contradicts(c),
             _ => {
                 let as_fine = as_fine(&c.fit, fit, finest.median_point_to_plane, config);
@@ -156,12 +155,9 @@ pub(crate) fn judge_against(
         }
     );
     let (verdict, reason) = if !rivals.is_empty() {
-        let backed: Vec<&Candidate> = rivals
-            .iter()
-            .copied()
-            .filter(|c| c.relief.is_some_and(|r| as_sure(c, &r)))
-            .collect();
-        let elsewhere = strongest(&backed).map(|(c, r)| {
+        let backed = rivals.iter().copied();
+        let backed = backed.filter(|c| c.relief.is_some_and(|r| as_sure(c, &r)));
+        let elsewhere = strongest(backed, config).map(|(c, r)| {
             let way = best.map_from_query.distance(&c.map_from_query, centroid);
             format!(
                 "{} of {} do, {:.1} m and {:.0}° away",
@@ -200,12 +196,12 @@ pub(crate) fn judge_against(
             relief.asked, config.min_patches
         );
         (Verdict::Insufficient, reason)
-    } else if sure && !relief.piecewise && loose(&finest, config) {
+    } else if sure
+        && !relief.piecewise
+        && let Some(loose) = loose(&finest, map, config)
+    {
         let reason = format!(
-            "the rock says that it is this place ({asked}), but no one pose lays the query on it: of the overlapping points {:.0} % lie within {:.3} m of the map's surface, below the {:.0} % asked for; it is bent or blurred, and cannot be followed piece by piece",
-            100.0 * finest.fitness / fit.overlap.max(f64::MIN_POSITIVE),
-            config.fine_tolerance.metres(map.voxel),
-            100.0 * config.min_fine_share
+            "the rock says that it is this place ({asked}), but no one pose lays the query on it: {loose}; it is bent or blurred, and cannot be followed piece by piece"
         );
         (Verdict::NotFound, reason)
     } else if let Some(d) = open.first() {
@@ -226,11 +222,7 @@ pub(crate) fn judge_against(
         );
         (Verdict::Degenerate, reason)
     } else if sure {
-        let weighed: Vec<&Candidate> = ranked[1..]
-            .iter()
-            .filter(|c| c.relief.is_some_and(|r| r.asked >= config.min_patches))
-            .collect();
-        let theirs = strongest(&weighed).map_or_else(String::new, |(_, r)| {
+        let theirs = strongest(&ranked[1..], config).map_or_else(String::new, |(_, r)| {
             format!(" ({} of {} patches in the best)", r.confirmed, r.asked)
         });
         let others = match ranked.len() {
@@ -262,15 +254,14 @@ pub(crate) fn judge_against(
     }
 }
 
-/// The one of `places` of which the rock says most, and what it says.
-fn strongest<'a>(places: &[&'a Candidate]) -> Option<(&'a Candidate, Relief)> {
-    let asked = places.iter().filter_map(|c| Some((*c, c.relief?)));
+/// The one of `places`, where enough of it could be asked, of which the rock says most, and what it says.
+fn strongest<'a>(
+    places: impl IntoIterator<Item = &'a Candidate>,
+    config: &VerifyConfig,
+) -> Option<(&'a Candidate, Relief)> {
+    let places = places.into_iter();
+    let asked = places.filter_map(|c| Some((c, asked_enough(c, config)?)));
     asked.max_by(|(_, a), (_, b)| a.excess().total_cmp(&b.excess()))
-}
-
-/// Of what overlaps too little lies finely for one rigid pose.
-fn loose(fit: &Fit, config: &VerifyConfig) -> bool {
-    fit.fitness < config.min_fine_share * fit.overlap
 }
 
 /// Why a pose does not fit by its shape; `None` where it does.
@@ -282,7 +273,12 @@ fn unfit(fit: &Fit, map: &Surface<'_>, config: &VerifyConfig) -> Option<String> 
             100.0 * config.min_overlap
         ));
     }
-    loose(fit, config).then(|| {
+    loose(fit, map, config)
+}
+
+/// That of what overlaps too little lies finely; `None` where enough does.
+fn loose(fit: &Fit, map: &Surface<'_>, config: &VerifyConfig) -> Option<String> {
+    (fit.fitness < config.min_fine_share * fit.overlap).then(|| {
         format!(
             "of the overlapping points {:.0} % lie within {:.3} m of the map's surface, below the {:.0} % asked for",
             100.0 * fit.fitness / fit.overlap,

@@ -24,7 +24,7 @@ use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::refine::{Refined, StopReason, keep_better};
 use crate::region::Region;
-use crate::verify::{Candidate, Fit, ask_relief, fit, hopeful, rank, same_place};
+use crate::verify::{Candidate, Fit, ask_relief, candidate, fit, hopeful, rank, same_place};
 use crate::{graph, icp, ndt, ransac, scale};
 
 pub use crate::request::{GRAVITY_TOLERANCE, Near, Progress, Request};
@@ -291,7 +291,8 @@ impl Run<'_> {
         let (query, known) = (&query.surface, &query.refinements);
         let icp_config = point_to_plane(&self.config.icp);
         let refiner = Refiner::Icp(icp_config.metric);
-        let candidate = |r: &Refined| candidate(r.map_from_query, Some(r.stop), map, query, verify);
+        let candidate =
+            |r: &Refined| candidate(map, query, &r.map_from_query, Some(r.stop), verify);
         let mut refined = self.stage("refine rivals", candidates.len(), || {
             let refined: Vec<Candidate> = candidates
                 .par_iter()
@@ -478,7 +479,7 @@ impl Run<'_> {
                     (cells, n)
                 })?;
             let candidate =
-                |pose: Pose, stop: Option<StopReason>| candidate(pose, stop, map, query, verify);
+                |pose: &Pose, stop: Option<StopReason>| candidate(map, query, pose, stop, verify);
             // A start that no features found is a guess: far from the truth the residual says little.
             let guard = config.ndt.keep_better && method.uses_features();
             self.stage("refine by NDT", poses.len(), || {
@@ -486,8 +487,8 @@ impl Run<'_> {
                     let refined = known.get(Refiner::Ndt, pose, || {
                         ndt::align(levels, map, query, pose, &config.ndt)
                     });
-                    let after = candidate(refined.map_from_query, Some(refined.stop));
-                    guarded(guard, || candidate(*pose, *stop), after, map, query, verify)
+                    let after = candidate(&refined.map_from_query, Some(refined.stop));
+                    guarded(guard, || candidate(pose, *stop), after, map, query, verify)
                 };
                 let refined: Vec<Candidate> = poses.par_iter().map(refine).collect();
                 let n = refined.len();
@@ -495,13 +496,13 @@ impl Run<'_> {
             })
         } else {
             let place = |(pose, stop): &(Pose, Option<StopReason>)| {
-                candidate(*pose, *stop, &map.surface, query, verify)
+                candidate(&map.surface, query, pose, *stop, verify)
             };
             poses.iter().map(place).collect()
         };
         let map = &map.surface;
         let candidate =
-            |pose: Pose, stop: Option<StopReason>| candidate(pose, stop, map, query, verify);
+            |pose: &Pose, stop: Option<StopReason>| candidate(map, query, pose, stop, verify);
         if !method.uses_icp() || candidates.is_empty() {
             return Ok(candidates);
         }
@@ -516,7 +517,7 @@ impl Run<'_> {
                 let refined = known.get(refiner, &c.map_from_query, || {
                     icp::align(map, query, &c.map_from_query, icp_config)
                 });
-                let polished = candidate(refined.map_from_query, Some(refined.stop));
+                let polished = candidate(&refined.map_from_query, Some(refined.stop));
                 guarded(icp_config.keep_better, || *c, polished, map, query, verify)
             };
             let polished = candidates.par_iter().zip(&hopeful).map(polish).collect();
@@ -629,22 +630,6 @@ pub(crate) fn guarded(
         keep_better(map, query, before(), after, verify)
     } else {
         after
-    }
-}
-
-/// A pose with the evidence for it, and why its refiner stopped.
-pub(crate) fn candidate(
-    pose: Pose,
-    stop: Option<StopReason>,
-    map: &Surface<'_>,
-    query: &Surface<'_>,
-    verify: &VerifyConfig,
-) -> Candidate {
-    Candidate {
-        map_from_query: pose,
-        fit: fit(map, query, &pose, verify),
-        relief: None,
-        stop,
     }
 }
 

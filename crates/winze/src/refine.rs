@@ -168,11 +168,9 @@ mod tests {
             assert_eq!(still, (0.0, 0.0));
             let config = NdtConfig::default();
             let levels = ndt::levels(&map, &config);
-            let candidate = |r: &Refined| Candidate {
-                map_from_query: r.map_from_query,
-                fit: verify::fit(&map, &query, &r.map_from_query, &VerifyConfig::default()),
-                relief: None,
-                stop: Some(r.stop),
+            let candidate = |r: &Refined| {
+                let (pose, stop) = (&r.map_from_query, Some(r.stop));
+                verify::candidate(&map, &query, pose, stop, &VerifyConfig::default())
             };
             let error = |c: &Candidate| c.map_from_query.distance(&truth, centroid).translation;
             let by_ndt = candidate(&ndt::align(&levels, &map, &query, &start, &config));
@@ -236,12 +234,7 @@ mod tests {
             let (map, query) = (wall(5.0, Pose::default()), wall(3.0, own));
             let at = |x| {
                 let pose = Pose::from_translation([x, 0.0, 0.0]).compose(&own.inverse());
-                Candidate {
-                    map_from_query: pose,
-                    fit: verify::fit(&map, &query, &pose, &config),
-                    relief: None,
-                    stop: None,
-                }
+                verify::candidate(&map, &query, &pose, None, &config)
             };
             let (one, other) = (at(0.0), at(0.03));
             assert_ne!(one.fit.bounded_residual, other.fit.bounded_residual);

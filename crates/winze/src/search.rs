@@ -15,11 +15,11 @@ use crate::config::{IcpConfig, NdtConfig, VerifyConfig};
 use crate::error::Result;
 use crate::judge::{Judgement, judge};
 use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt};
-use crate::locate::{Attempt, Run, candidate, guarded, point_to_plane};
+use crate::locate::{Attempt, Run, guarded, point_to_plane};
 use crate::ndt::NdtCells;
 use crate::pose::Pose;
 use crate::verify::{
-    Candidate, beyond_doubt, by_evidence, confirmed, fit, hopeful, rank, same_place,
+    Candidate, beyond_doubt, by_evidence, candidate, confirmed, fit, hopeful, rank, same_place,
 };
 use crate::{icp, ndt};
 
@@ -134,7 +134,7 @@ impl Run<'_> {
             let refine = |pose: &Pose| {
                 let refined = ndt::align(levels, map, query, pose, &ndt_config);
                 let (pose, stop) = (refined.map_from_query, Some(refined.stop));
-                candidate(pose, stop, map, query, glance)
+                candidate(map, query, &pose, stop, glance)
             };
             let refined: Vec<Candidate> = poses.par_iter().map(refine).collect();
             let (first, rest) = refined.split_at(refined.len().min(verify.refined / 2));
@@ -152,13 +152,13 @@ impl Run<'_> {
         Ok(self.stage("refine by ICP", places.len(), || {
             let hopeful = hopeful(&places, verify);
             let refine = |(c, hopeful): (&Candidate, &bool)| {
-                let before = || candidate(c.map_from_query, c.stop, map, query, verify);
+                let before = || candidate(map, query, &c.map_from_query, c.stop, verify);
                 if !hopeful {
                     return before();
                 }
                 let refined = icp::align(map, query, &c.map_from_query, &icp_config);
                 let (pose, stop) = (refined.map_from_query, Some(refined.stop));
-                let after = candidate(pose, stop, map, query, verify);
+                let after = candidate(map, query, &pose, stop, verify);
                 guarded(icp_config.keep_better, before, after, map, query, verify)
             };
             let refined = places.par_iter().zip(&hopeful).map(refine).collect();
@@ -205,7 +205,7 @@ impl Run<'_> {
                         let refined = icp::align(map, query, &pose, &polish_config);
                         (pose, stop) = (refined.map_from_query, Some(refined.stop));
                     }
-                    candidate(pose, stop, map, query, verify)
+                    candidate(map, query, &pose, stop, verify)
                 };
                 let polished: Vec<Candidate> = found.par_iter().zip(&hopeful).map(polish).collect();
                 (polished, hopeful.iter().filter(|h| **h).count())

@@ -166,6 +166,23 @@ pub fn fit(
     }
 }
 
+/// A pose with the evidence of its [`fit`], and why its refiner stopped. The rock is not asked ([`ask_relief`]).
+#[must_use]
+pub fn candidate(
+    map: &Surface<'_>,
+    query: &Surface<'_>,
+    map_from_query: &Pose,
+    stop: Option<StopReason>,
+    config: &VerifyConfig,
+) -> Candidate {
+    Candidate {
+        map_from_query: *map_from_query,
+        fit: fit(map, query, map_from_query, config),
+        relief: None,
+        stop,
+    }
+}
+
 /// Orders candidates, the fittest first, and drops those that another one has swallowed: poses that
 /// differ by less than the merge distance at the query's centroid and by less than the merge angle.
 #[must_use]
@@ -309,12 +326,16 @@ fn unbend(
 /// Places that are asked piece by piece.
 const UNBENT: usize = 2;
 
+/// What the rock says, where enough of it could be asked.
+pub(crate) fn asked_enough(candidate: &Candidate, config: &VerifyConfig) -> Option<Relief> {
+    candidate.relief.filter(|r| r.asked >= config.min_patches)
+}
+
 /// Whether enough of the rock says that it is the same.
 pub(crate) fn confirmed(candidate: &Candidate, config: &VerifyConfig) -> bool {
     candidate.fit.overlap >= config.least_overlap
-        && candidate.relief.is_some_and(|r| {
-            r.asked >= config.min_patches && r.significance() >= config.min_significance
-        })
+        && asked_enough(candidate, config)
+            .is_some_and(|r| r.significance() >= config.min_significance)
 }
 
 /// And says so by enough that no shape overrules it.

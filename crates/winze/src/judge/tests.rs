@@ -6,7 +6,28 @@ use crate::test_world::{drift, surface};
 use crate::verify::{ask_relief, rank};
 
 fn candidate(map: &Surface<'_>, query: &Surface<'_>, pose: Pose) -> Candidate {
-    crate::locate::candidate(pose, None, map, query, &VerifyConfig::default())
+    crate::verify::candidate(map, query, &pose, None, &VerifyConfig::default())
+}
+
+/// As if so much of the query overlapped and lay finely, and the rock had said so.
+fn lying(at: Candidate, overlap: f64, fitness: f64, relief: Relief) -> Candidate {
+    Candidate {
+        fit: Fit {
+            overlap,
+            fitness,
+            ..at.fit
+        },
+        relief: Some(relief),
+        ..at
+    }
+}
+
+fn said(asked: usize, confirmed: usize) -> Relief {
+    Relief {
+        asked,
+        confirmed,
+        ..Relief::default()
+    }
 }
 
 #[test]
@@ -53,19 +74,12 @@ fn rock_that_says_yes_a_little_too_often_does_not_overrule_a_better_shape() {
     let map = surface(&drift(90_000, 40.0, 0.4, 0.01, 1), 0.2);
     let query = surface(&drift(60_000, 20.0, 0.4, 0.01, 2), 0.2);
     let config = VerifyConfig::default();
-    let lies = |x: f64, fitness: f64, confirmed: usize| Candidate {
-        fit: Fit {
-            fitness,
-            overlap: 0.8,
-            ..candidate(&map, &query, Pose::identity()).fit
-        },
-        relief: Some(Relief {
-            asked: 140,
-            confirmed,
-            ..Relief::default()
-        }),
-        ..candidate(&map, &query, Pose::from_translation([x, 0.0, 0.0]))
+    let here = candidate(&map, &query, Pose::identity());
+    let at = |x: f64| Candidate {
+        map_from_query: Pose::from_translation([x, 0.0, 0.0]),
+        ..here
     };
+    let lies = |x, fitness, confirmed| lying(at(x), 0.8, fitness, said(140, confirmed));
     let judged = |best: Candidate, other: Candidate| judge(&[best, other], &map, &query, &config);
     let verdict = |best: Candidate, other: Candidate| judged(best, other).verdict;
     // 66 of 140 is 3.5 standard deviations above chance, 120 is 13; 60 is 2.4.
@@ -92,14 +106,7 @@ fn rock_that_says_yes_a_little_too_often_does_not_overrule_a_better_shape() {
         Verdict::Ambiguous
     );
     // One that is, is one even where far less of it can be asked: 16 of 20 are 4.4 standard deviations.
-    let partly_mapped = |confirmed| Candidate {
-        relief: Some(Relief {
-            asked: 20,
-            confirmed,
-            ..Relief::default()
-        }),
-        ..lies(7.5, 0.4, 20)
-    };
+    let partly_mapped = |confirmed| lying(at(7.5), 0.8, 0.4, said(20, confirmed));
     let both = judged(lies(0.0, 0.5, 120), partly_mapped(16));
     assert_eq!(both.verdict, Verdict::Ambiguous);
     assert!(
@@ -121,19 +128,13 @@ fn the_rock_of_one_end_does_not_place_a_bent_query() {
     let map = surface(&drift(90_000, 40.0, 0.4, 0.01, 1), 0.2);
     let query = surface(&drift(60_000, 20.0, 0.4, 0.01, 2), 0.2);
     let config = VerifyConfig::default();
-    let lies = |fitness: f64, piecewise| Candidate {
-        fit: Fit {
-            fitness,
-            overlap: 0.7,
-            ..candidate(&map, &query, Pose::identity()).fit
-        },
-        relief: Some(Relief {
-            asked: 70,
-            confirmed: 45,
+    let here = candidate(&map, &query, Pose::identity());
+    let lies = |fitness, piecewise| {
+        let relief = Relief {
             piecewise,
-            ..Relief::default()
-        }),
-        ..candidate(&map, &query, Pose::identity())
+            ..said(70, 45)
+        };
+        lying(here, 0.7, fitness, relief)
     };
     let judged = |c: Candidate| judge(&[c], &map, &query, &config);
     assert_eq!(judged(lies(0.5, false)).verdict, Verdict::Located);

@@ -1,27 +1,18 @@
 //! Tests of evidence and verdict.
 
 use super::*;
-use crate::config::VerifyConfig;
 use crate::judge::judge;
 use crate::outcome::Verdict;
 use crate::test_world::{drift, surface};
-
-fn candidate(map: &Surface<'_>, query: &Surface<'_>, pose: Pose) -> Candidate {
-    Candidate {
-        map_from_query: pose,
-        fit: fit(map, query, &pose, &VerifyConfig::default()),
-        relief: None,
-        stop: None,
-    }
-}
 
 #[test]
 fn the_right_place_fits_and_the_wrong_one_does_not() {
     let map = surface(&drift(90_000, 40.0, 0.4, 0.01, 1), 0.2);
     let query = surface(&drift(60_000, 20.0, 0.4, 0.01, 2), 0.2);
     let config = VerifyConfig::default();
-    let right = candidate(&map, &query, Pose::identity());
-    let wrong = candidate(&map, &query, Pose::from_translation([15.0, 0.0, 0.0]));
+    let at = |x| candidate(&map, &query, &Pose::from_translation(x), None, &config);
+    let right = at([0.0; 3]);
+    let wrong = at([15.0, 0.0, 0.0]);
     assert!(
         right.fit.overlap > 0.95 && right.fit.fitness > 0.7,
         "{right:?}"
@@ -51,13 +42,13 @@ fn the_right_place_fits_and_the_wrong_one_does_not() {
         Verdict::NotFound,
         "alone it must not pass either"
     );
-    let out = candidate(&map, &query, Pose::from_translation([30.0, 0.0, 0.0]));
+    let out = at([30.0, 0.0, 0.0]);
     assert_eq!(verdict(&[out]), Verdict::NotFound);
     let careless = VerifyConfig {
         min_overlap: 0.0,
         ..config.clone()
     };
-    let nowhere = candidate(&map, &query, Pose::from_translation([900.0, 0.0, 0.0]));
+    let nowhere = at([900.0, 0.0, 0.0]);
     assert_eq!(
         judge(&[nowhere], &map, &query, &careless).verdict,
         Verdict::NotFound
