@@ -47,7 +47,7 @@ const MOST_TURNED: f64 = 0.06;
 /// Share of a piece's points that must lie on the map for it to be followed.
 const ON_MAP: f64 = 0.5;
 /// Points of a piece that its refinement looks at.
-const POINTS: usize = 1_500;
+const POINTS: usize = 750;
 
 /// A piece of the query.
 struct Piece {
@@ -67,8 +67,10 @@ pub fn follow(
 ) -> Option<Bent> {
     let size = config.piece_size.metres(map.voxel);
     let reach = config.patch_reach.metres(map.voxel);
+    // From where its neighbour ended, a piece has not far to go.
     let icp = IcpConfig {
         max_points: POINTS,
+        max_iterations: icp.max_iterations.div_ceil(2),
         ..icp.clone()
     };
     let pieces = cut(query, size);

@@ -67,6 +67,8 @@ const WAYS: usize = 2 * DIRECTIONS;
 const LEAST: usize = 14;
 /// Share of a patch's points that must lie on the map, wherever it is moved to.
 const ON_MAP: f64 = 0.75;
+/// Of a patch that has lost already, so many points or up to twice as many are moved on, where it has them.
+const COUNTED: usize = 32;
 /// Ways that must lead to map surface.
 const LEAST_WAYS: usize = 11;
 /// Cosine to the patch's mean normal that a point's must reach, and the map's there.
@@ -197,6 +199,12 @@ fn confirms(
         reach,
     };
     let own = frame.roughness(&points, [0.0, 0.0])?;
+    // A patch that has lost is moved on only to see that there is surface to ask it on, for which few of its points do.
+    let few: Vec<[f64; 3]> = points
+        .iter()
+        .step_by((points.len() / COUNTED).max(1))
+        .copied()
+        .collect();
     let (mut ways, mut finest) = (0, true);
     for k in 0..WAYS {
         let decided = ways >= LEAST_WAYS && !finest;
@@ -205,8 +213,11 @@ fn confirms(
         }
         let (s, c) = libm::sincos(std::f64::consts::TAU * k as f64 / DIRECTIONS as f64);
         let step = if k < DIRECTIONS { step } else { FURTHER * step };
-        if let Some(moved) = frame.roughness(&points, [step * c, step * s]) {
-            finest &= own < moved;
+        let shift = [step * c, step * s];
+        if !finest {
+            ways += usize::from(frame.meets(&few, shift));
+        } else if let Some(moved) = frame.roughness(&points, shift) {
+            finest = own < moved;
             ways += 1;
         }
     }
@@ -226,37 +237,67 @@ impl Frame<'_> {
     /// Mean square of what is left of the patch's distances from the map's surface once offset and tilt are taken out, where
     /// it is moved along itself by `shift`; `None` where too little of it meets surface.
     fn roughness(&self, points: &[[f64; 3]], shift: [f64; 2]) -> Option<f64> {
-        let [u, v, n] = self.axes;
-        let moved: [f64; 3] = std::array::from_fn(|a| shift[0] * u[a] + shift[1] * v[a]);
+        let moved = self.moved(shift);
+        let mut missing = most_missing(points.len());
         let mut found: Vec<[f64; 3]> = Vec::with_capacity(points.len());
         for p in points {
-            let at: [f64; 3] = std::array::from_fn(|a| p[a] + moved[a]);
-            #[expect(
-                clippy::cast_possible_truncation,
-                reason = "offsets within f32's range"
-            )]
-            let near = self
-                .map
-                .tree
-                .nearest_within(at.map(|c| c as f32), self.reach as f32);
-            let Some(near) = near else { continue };
-            let i = near.index as usize;
-            let (q, m) = (
-                self.map.points[i].map(f64::from),
-                self.map.normals[i].map(f64::from),
-            );
-            let facing = dot(m, n);
-            if facing < SIDE {
+            let Some(height) = self.height(p, moved) else {
+                missing = missing.checked_sub(1)?;
                 continue;
-            }
+            };
             let d = sub(*p, self.centre);
-            // Along the patch's normal to the tangent plane of the map's nearest point.
-            found.push([dot(d, u), dot(d, v), dot(sub(at, q), m) / facing]);
+            found.push([dot(d, self.axes[0]), dot(d, self.axes[1]), height]);
         }
-        #[expect(clippy::cast_precision_loss, reason = "counts")]
-        let enough = found.len() as f64 >= ON_MAP * points.len() as f64;
-        enough.then(|| about_plane(&found))
+        Some(about_plane(&found))
     }
+
+    /// Whether [`roughness`](Self::roughness) would find enough of the points on surface.
+    fn meets(&self, points: &[[f64; 3]], shift: [f64; 2]) -> bool {
+        let moved = self.moved(shift);
+        let (most, mut missing) = (most_missing(points.len()), 0);
+        points.iter().all(|p| {
+            missing += usize::from(self.height(p, moved).is_none());
+            missing <= most
+        })
+    }
+
+    /// A shift along the patch, in the map's axes.
+    fn moved(&self, shift: [f64; 2]) -> [f64; 3] {
+        let [u, v, _] = self.axes;
+        std::array::from_fn(|a| shift[0] * u[a] + shift[1] * v[a])
+    }
+
+    /// How far a point of the patch, `moved`, lies from the tangent plane of the map's nearest point, along the patch's normal; `None`
+    /// where there is no such surface, or it faces another way.
+    fn height(&self, point: &[f64; 3], moved: [f64; 3]) -> Option<f64> {
+        let at: [f64; 3] = std::array::from_fn(|a| point[a] + moved[a]);
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "offsets within f32's range"
+        )]
+        let near = self
+            .map
+            .tree
+            .nearest_within(at.map(|c| c as f32), self.reach as f32)?;
+        let i = near.index as usize;
+        let (q, m) = (
+            self.map.points[i].map(f64::from),
+            self.map.normals[i].map(f64::from),
+        );
+        let facing = dot(m, self.axes[2]);
+        (facing >= SIDE).then(|| dot(sub(at, q), m) / facing)
+    }
+}
+
+/// Points of so many that may lie off the map.
+#[expect(
+    clippy::cast_precision_loss,
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "counts"
+)]
+fn most_missing(points: usize) -> usize {
+    ((1.0 - ON_MAP) * points as f64) as usize
 }
 
 /// Mean square distance, along the third axis, of points from the plane fitted to them.
