@@ -89,6 +89,7 @@ pub mod ndt;
 mod neighbours;
 pub mod normals;
 pub mod outcome;
+mod paper;
 mod parallel;
 pub mod pose;
 pub mod prepare;

@@ -4,8 +4,10 @@ use crate::columns::Memory;
 use crate::prepare::Frame;
 use crate::prepare::prepare;
 use crate::prepared::level_in;
+use crate::refine::StopReason;
 use crate::test_world::{cloud, drift};
 use crate::verify::gain;
+use crate::{icp, ndt};
 
 /// A rough drift of 30 m, and the middle of it measured again, in a frame of its own.
 fn pair(seed: u64) -> (Vec<[f64; 3]>, Cloud, Pose) {
