@@ -2,7 +2,6 @@
 //! settled, and judged.
 
 use rayon::prelude::*;
-use rustc_hash::FxHashMap;
 use winze::Pose;
 use winze::rng::Rng;
 use winze::solve::System;
@@ -279,18 +278,46 @@ fn cell(p: [f64; 3]) -> [i32; 3] {
     })
 }
 
-/// A set of cells: a bit each, in blocks of 4 × 4 × 4, so that neighbours are found in cache.
+/// A set of cells: a bit each, in chunks of 32 × 32 × 32 where there are any, so that asking costs two array accesses.
 #[derive(Default)]
 pub(super) struct Occupancy {
-    blocks: FxHashMap<[i32; 3], u64>,
+    /// Lowest chunk, and how many there are, along each axis.
+    least: [i32; 3],
+    size: [usize; 3],
+    /// Which of the chunks kept each is; [`NO_CHUNK`] where nothing is occupied.
+    index: Vec<u32>,
+    /// Blocks of 4 × 4 × 4 cells, [`BLOCKS`] a chunk.
+    blocks: Vec<u64>,
 }
+
+const NO_CHUNK: u32 = u32::MAX;
+const BLOCKS: usize = 8 * 8 * 8;
 
 impl Occupancy {
     /// Occupied are the cells in which surface lies, and those that touch them.
     pub(super) fn around(seen: &[Witness]) -> Self {
-        let mut occupied = Self::default();
-        for w in seen {
-            let c = cell(w.point);
+        let cells: Vec<[i32; 3]> = seen.iter().map(|w| cell(w.point)).collect();
+        let bound = |axis: usize| {
+            let chunks = cells
+                .iter()
+                .map(|c| (c[axis] - 1) >> 5..=(c[axis] + 1) >> 5);
+            chunks.fold(None, |bound: Option<(i32, i32)>, c| {
+                let (low, high) = bound.unwrap_or((*c.start(), *c.end()));
+                Some((low.min(*c.start()), high.max(*c.end())))
+            })
+        };
+        let [Some(x), Some(y), Some(z)] = [bound(0), bound(1), bound(2)] else {
+            return Self::default();
+        };
+        #[expect(clippy::cast_sign_loss, reason = "high is not below low")]
+        let size = [x, y, z].map(|(low, high)| (high - low + 1) as usize);
+        let mut occupied = Self {
+            least: [x.0, y.0, z.0],
+            size,
+            index: vec![NO_CHUNK; size.iter().product()],
+            blocks: Vec::new(),
+        };
+        for c in cells {
             for d in 0..27 {
                 occupied.insert([c[0] + d % 3 - 1, c[1] + d / 3 % 3 - 1, c[2] + d / 9 - 1]);
             }
@@ -298,18 +325,90 @@ impl Occupancy {
         occupied
     }
 
-    fn place(cell: [i32; 3]) -> ([i32; 3], u64) {
+    /// Where in the index the chunk of a cell is; `None` outside.
+    fn chunk(&self, cell: [i32; 3]) -> Option<usize> {
+        let mut at = [0; 3];
+        for axis in 0..3 {
+            at[axis] = usize::try_from((cell[axis] >> 5) - self.least[axis]).ok()?;
+            if at[axis] >= self.size[axis] {
+                return None;
+            }
+        }
+        Some(at[0] + self.size[0] * (at[1] + self.size[1] * at[2]))
+    }
+
+    /// Which block of its chunk a cell is in, and which bit of that.
+    fn place(cell: [i32; 3]) -> (usize, u64) {
+        #[expect(clippy::cast_sign_loss, reason = "0 to 7")]
+        let [i, j, k] = cell.map(|c| (c >> 2 & 7) as usize);
         let [x, y, z] = cell.map(|c| c & 3);
-        (cell.map(|c| c >> 2), 1 << (x | y << 2 | z << 4))
+        (i + 8 * (j + 8 * k), 1 << (x | y << 2 | z << 4))
     }
 
     fn insert(&mut self, cell: [i32; 3]) {
+        let Some(entry) = self.chunk(cell).and_then(|at| self.index.get_mut(at)) else {
+            return;
+        };
+        if *entry == NO_CHUNK {
+            #[expect(clippy::cast_possible_truncation, reason = "far fewer chunks")]
+            let new = (self.blocks.len() / BLOCKS) as u32;
+            *entry = new;
+            self.blocks.resize(self.blocks.len() + BLOCKS, 0);
+        }
         let (block, bit) = Self::place(cell);
-        *self.blocks.entry(block).or_default() |= bit;
+        self.blocks[*entry as usize * BLOCKS + block] |= bit;
     }
 
     fn contains(&self, cell: [i32; 3]) -> bool {
+        let Some(chunk) = self.chunk(cell).map(|at| self.index[at]) else {
+            return false;
+        };
         let (block, bit) = Self::place(cell);
-        self.blocks.get(&block).is_some_and(|bits| bits & bit != 0)
+        chunk != NO_CHUNK && self.blocks[chunk as usize * BLOCKS + block] & bit != 0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn occupied_is_what_touches_surface_and_nothing_else() {
+        let mut rng = Rng::new(7, 0);
+        let seen: Vec<Witness> = (0..400)
+            .map(|_| Witness {
+                point: std::array::from_fn(|_| rng.range(-40.0, 60.0)),
+                normal: [0.0, 0.0, 1.0],
+                sigma: 0.01,
+                new: false,
+            })
+            .collect();
+        let occupied = Occupancy::around(&seen);
+        let mut expected = BTreeSet::new();
+        for c in seen.iter().map(|w| cell(w.point)) {
+            for (x, y, z) in (0..27).map(|d| (d % 3 - 1, d / 3 % 3 - 1, d / 9 - 1)) {
+                expected.insert([c[0] + x, c[1] + y, c[2] + z]);
+            }
+        }
+        for c in &expected {
+            for axis in 0..3 {
+                for step in [-1, 0, 1] {
+                    let mut near = *c;
+                    near[axis] += step;
+                    assert_eq!(
+                        occupied.contains(near),
+                        expected.contains(&near),
+                        "{near:?}"
+                    );
+                }
+            }
+        }
+        for _ in 0..20_000 {
+            let far = cell(std::array::from_fn(|_| rng.range(-150.0, 150.0)));
+            assert_eq!(occupied.contains(far), expected.contains(&far), "{far:?}");
+        }
+        assert!(!Occupancy::around(&[]).contains([0; 3]));
     }
 }
