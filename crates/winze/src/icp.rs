@@ -121,6 +121,59 @@ pub fn information(
     }
 }
 
+/// One residual of a point-to-plane fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Row {
+    /// The query point at the pose, as an offset in the map.
+    pub(crate) at: [f64; 3],
+    /// How the residual changes with a step `[δt, δθ]` about the query's centroid.
+    pub(crate) jacobian: [f64; 6],
+    /// Distance from the tangent plane, metres, signed.
+    pub(crate) residual: f64,
+}
+
+/// The residuals of [`information`], one by one, with the query's centroid as an offset in the map, and the root mean square distance of the
+/// query's points from it.
+pub(crate) fn rows(
+    map: &Surface<'_>,
+    query: &Surface<'_>,
+    map_from_query: &Pose,
+    distance: f64,
+    max_points: usize,
+) -> (Vec<Row>, [f64; 3], f64) {
+    let chosen = sample(&query.points, max_points);
+    let (centroid, length) = spread(&chosen);
+    let pose = map_from_query.between_origins(map.origin, query.origin);
+    let centre = pose.transform(centroid);
+    let pairs = pair(map, &chosen, &pose, distance);
+    let rows = pairs.iter().filter_map(|p| row(map, p, centre)).collect();
+    (rows, centre, length)
+}
+
+/// The residual of a pair; `None` where the map's point has no normal.
+fn row(map: &Surface<'_>, p: &Pair, centre: [f64; 3]) -> Option<Row> {
+    let n = map.normals[p.map as usize].map(f64::from);
+    if n == [0.0; 3] {
+        return None;
+    }
+    let q = map.points[p.map as usize];
+    let d: [f64; 3] = std::array::from_fn(|a| p.moved[a] - f64::from(q[a]));
+    let a: [f64; 3] = std::array::from_fn(|k| p.moved[k] - centre[k]);
+    Some(Row {
+        at: p.moved,
+        // n · (θ × a) = θ · (a × n)
+        jacobian: [
+            n[0],
+            n[1],
+            n[2],
+            a[1] * n[2] - a[2] * n[1],
+            a[2] * n[0] - a[0] * n[2],
+            a[0] * n[1] - a[1] * n[0],
+        ],
+        residual: n[0] * d[0] + n[1] * d[1] + n[2] * d[2],
+    })
+}
+
 /// What a point-to-plane fit says about the pose, see [`information`].
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize))]
@@ -199,25 +252,11 @@ fn point_to_plane(
     parallel::sum(
         pairs.len(),
         |system: &mut System, i| {
-            let p = &pairs[i];
-            let n = map.normals[p.map as usize].map(f64::from);
-            if n == [0.0; 3] {
+            let Some(row) = row(map, &pairs[i], centre) else {
                 return;
-            }
-            let q = map.points[p.map as usize];
-            let d: [f64; 3] = std::array::from_fn(|a| p.moved[a] - f64::from(q[a]));
-            let r = n[0] * d[0] + n[1] * d[1] + n[2] * d[2];
-            let a: [f64; 3] = std::array::from_fn(|k| p.moved[k] - centre[k]);
-            // n · (θ × a) = θ · (a × n)
-            let j = [
-                n[0],
-                n[1],
-                n[2],
-                a[1] * n[2] - a[2] * n[1],
-                a[2] * n[0] - a[0] * n[2],
-                a[0] * n[1] - a[1] * n[0],
-            ];
-            system.add_row(&j, r, weight(kernel, r.abs(), scale));
+            };
+            let r = row.residual;
+            system.add_row(&row.jacobian, r, weight(kernel, r.abs(), scale));
         },
         System::merge,
     )

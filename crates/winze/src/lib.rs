@@ -67,6 +67,7 @@ pub mod bend;
 pub mod cloud;
 pub mod columns;
 pub mod config;
+pub mod covariance;
 pub mod degeneracy;
 pub mod denoise;
 pub mod descriptor_index;

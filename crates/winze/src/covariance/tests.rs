@@ -1,0 +1,194 @@
+//! Tests of the covariance: against motions made by hand, and against errors that were really made.
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::config::{IcpConfig, IcpMetric};
+use crate::degeneracy::directions;
+use crate::icp;
+use crate::rng::Rng;
+use crate::test_world::{drift, surface};
+
+fn outer(v: [f64; 6]) -> [[f64; 6]; 6] {
+    let mut m = [[0.0; 6]; 6];
+    add_outer(&mut m, &v);
+    m
+}
+
+fn assert_near(a: &[[f64; 6]; 6], b: &[[f64; 6]; 6], tolerance: f64) {
+    let largest = b.iter().flatten().fold(0.0f64, |m, v| m.max(v.abs()));
+    for (a, b) in a.iter().flatten().zip(b.iter().flatten()) {
+        assert!((a - b).abs() <= tolerance * largest, "{a} {b} of {largest}");
+    }
+}
+
+proptest! {
+    /// One motion, told about two points and in two frames.
+    #[test]
+    fn moves_with_its_point_and_its_frame(
+        turn in prop::array::uniform3(-1e-6f64..1e-6),
+        shift in prop::array::uniform3(-1e-5f64..1e-5),
+        at in prop::array::uniform3(-20.0f64..20.0),
+        other in prop::array::uniform3(-20.0f64..20.0),
+        frame in prop::array::uniform3(-3.0f64..3.0),
+    ) {
+        let pose = Pose::from_rotation_vector([0.3, -1.0, 0.5], [4.0, 2.0, -7.0]);
+        let (about, point) = (pose.transform(at), pose.transform(other));
+        let moved = pose.perturbed(shift, turn, about);
+        let own = Covariance { matrix: outer(perturbation(&pose, &moved, at)), about };
+        let elsewhere = outer(perturbation(&pose, &moved, other));
+        assert_near(&own.about(point).matrix, &elsewhere, 1e-3);
+        assert_near(&own.about(point).about(about).matrix, &own.matrix, 1e-9);
+
+        let frame_from_map = Pose::from_rotation_vector(frame, [100.0, -30.0, 5.0]);
+        let (pose, moved) = (frame_from_map.compose(&pose), frame_from_map.compose(&moved));
+        let there = own.in_frame(&frame_from_map);
+        assert_near(&there.matrix, &outer(perturbation(&pose, &moved, at)), 1e-3);
+        for (a, b) in there.about.iter().zip(pose.transform(at)) {
+            prop_assert!((a - b).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn the_envelope_is_below_neither() {
+    let mut rng = Rng::new(3, 3);
+    let mut random = || {
+        let mut m = [[0.0; 6]; 6];
+        for _ in 0..8 {
+            add_outer(&mut m, &std::array::from_fn(|_| rng.normal()));
+        }
+        m
+    };
+    for _ in 0..20 {
+        let (a, b) = (random(), random());
+        let larger = envelope(&a, &b);
+        for below in [a, b] {
+            let rest: [[f64; 6]; 6] =
+                std::array::from_fn(|i| std::array::from_fn(|j| larger[i][j] - below[i][j]));
+            assert!(eigen(rest).values[0] > -1e-9 * eigen(larger).values[5]);
+        }
+        assert_near(&envelope(&a, &a), &a, 1e-9);
+        assert_near(&envelope(&b, &a), &larger, 1e-9);
+    }
+}
+
+#[test]
+fn the_squared_error_counts_in_its_own_units() {
+    let mut matrix = [[0.0; 6]; 6];
+    for (i, row) in matrix.iter_mut().enumerate() {
+        row[i] = if i < 3 { 0.04 } else { 0.0001 };
+    }
+    let covariance = Covariance {
+        matrix,
+        about: [0.0; 3],
+    };
+    let nees = covariance.nees([0.2, 0.0, -0.4, 0.01, 0.0, 0.0]).unwrap();
+    assert!((nees - 6.0).abs() < 1e-9, "{nees}");
+    matrix[2][2] = 0.0;
+    assert_eq!(
+        Covariance {
+            matrix,
+            about: [0.0; 3]
+        }
+        .nees([0.0; 6]),
+        None
+    );
+}
+
+/// Errors of fits of one query, drawn so many times, and two covariances of each: by blocks, and as if all points were independent.
+fn errors(draws: u64, spoil: &dyn Fn(&mut Rng, &mut Vec<[f64; 3]>)) -> [f64; 2] {
+    let map = surface(&drift(240_000, 60.0, 0.3, 0.01, 1), 0.15);
+    let icp_config = IcpConfig {
+        metric: IcpMetric::PointToPlane,
+        ..IcpConfig::default()
+    };
+    let config = VerifyConfig::default();
+    let mut nees = [0.0; 2];
+    for draw in 0..draws {
+        let mut points = drift(120_000, 60.0, 0.3, 0.01, 100 + draw);
+        points.retain(|p| p[0] > 5.0 && p[0] < 55.0);
+        spoil(&mut Rng::new(draw, 9), &mut points);
+        let query = surface(&points, 0.15);
+        let found = icp::align(&map, &query, &Pose::identity(), &icp_config);
+        let pose = found.map_from_query;
+        let at = query.centroid().unwrap();
+        let error = perturbation(&pose, &Pose::identity(), at);
+        let blocks = estimate(&map, &query, &pose, &[], &config).unwrap();
+        let independent = Residuals::of(&map, &query, &pose, &config).independent();
+        for (sum, covariance) in nees.iter_mut().zip([blocks, independent.unwrap()]) {
+            *sum += covariance.nees(error).unwrap();
+        }
+    }
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    nees.map(|sum| sum / draws as f64)
+}
+
+#[test]
+fn covers_the_errors_of_plain_noise() {
+    let [blocks, _] = errors(12, &|_, _| ());
+    assert!((1.5..12.0).contains(&blocks), "mean NEES {blocks}");
+}
+
+#[test]
+fn covers_errors_that_neighbours_share() {
+    // Every two metres along the drift are shifted as one, as an odometry would.
+    let shifts = |rng: &mut Rng, points: &mut Vec<[f64; 3]>| {
+        let of: Vec<[f64; 3]> = (0..30)
+            .map(|_| std::array::from_fn(|_| 0.03 * rng.normal()))
+            .collect();
+        for p in points {
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "metres of drift"
+            )]
+            let shift = of[(p[0] / 2.0) as usize];
+            (0..3).for_each(|a| p[a] += shift[a]);
+        }
+    };
+    let [blocks, independent] = errors(12, &shifts);
+    assert!((1.5..14.0).contains(&blocks), "mean NEES {blocks}");
+    assert!(
+        independent > 60.0,
+        "mean NEES {independent}, were they independent"
+    );
+}
+
+#[test]
+fn an_open_direction_is_as_wide_as_the_tunnel_is_long() {
+    let map = surface(&drift(120_000, 40.0, 0.0, 0.005, 1), 0.15);
+    let mut points = drift(60_000, 40.0, 0.0, 0.005, 2);
+    points.retain(|p| p[0] > 15.0 && p[0] < 25.0);
+    let query = surface(&points, 0.15);
+    let config = VerifyConfig::default();
+    let pose = Pose::identity();
+    let information = icp::information(&map, &query, &pose, 0.2, 0);
+    let open: Vec<Unobservable> = directions(&information)
+        .into_iter()
+        .filter(|d| d.information < config.min_information && d.kind == DirectionKind::Translation)
+        .collect();
+    assert_eq!(open.len(), 1, "{open:?}");
+    let covariance = estimate(&map, &query, &pose, &open, &config).unwrap();
+    let sigma: [f64; 3] = std::array::from_fn(|i| covariance.matrix[i][i].sqrt());
+    // It slides by some 15 m to either end.
+    assert!(sigma[0] > 4.0 && sigma[0] < 16.0, "{sigma:?}");
+    assert!(sigma[1] < 0.05 && sigma[2] < 0.05, "{sigma:?}");
+}
+
+#[test]
+fn too_little_to_tell_is_told() {
+    let map = surface(&drift(60_000, 20.0, 0.3, 0.01, 1), 0.2);
+    let config = VerifyConfig::default();
+    let away = Pose::from_translation([900.0, 0.0, 0.0]);
+    let none = estimate(&map, &map, &away, &[], &config);
+    assert_eq!(none, None);
+    assert_eq!(
+        Residuals::of(&map, &map, &away, &config).independent(),
+        None
+    );
+    assert_eq!(
+        estimate(&map, &Surface::default(), &away, &[], &config),
+        None
+    );
+}
