@@ -16,7 +16,6 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use common::Result;
-use winze::config::{Length, VerifyConfig};
 use winze::covariance::{Covariance, PATCHES, Residuals, SECTIONS, estimate, perturbation};
 use winze::degeneracy::{Unobservable, directions};
 use winze::icp::information;
@@ -49,17 +48,6 @@ impl Tally {
 
 fn pose_of(value: &serde_json::Value) -> Result<Pose> {
     Ok(Pose::from_matrix(serde_json::from_value(value.clone())?)?)
-}
-
-/// Patches of wall as the search has them: no smaller than a share of the passages' width.
-fn verify_at(config: &Config, voxel: f64, width: Option<f64>) -> VerifyConfig {
-    let verify = &config.verify;
-    let size = verify.patch_size.metres(voxel);
-    let wide = width.unwrap_or(0.0) * verify.patch_width;
-    VerifyConfig {
-        patch_size: Length::Metres(size.max(wide)),
-        ..verify.clone()
-    }
 }
 
 fn main() -> Result<()> {
@@ -107,7 +95,7 @@ fn main() -> Result<()> {
         let map = surfaces
             .entry((name, voxel.to_bits()))
             .or_insert_with(|| prepare(map, &config.prepare, voxel));
-        let verify = verify_at(&config, voxel, *width);
+        let verify = config.verify.at(voxel, *width);
         let query_cloud = cloud(&case["query"])?;
         let query = prepare(&query_cloud, &config.prepare, voxel);
         let (pose, truth) = (pose_of(&run["map_from_query"])?, pose_of(&case["truth"])?);

@@ -118,14 +118,14 @@ pub fn estimate(
     let residuals = Residuals::of(map, query, map_from_query, config);
     let patches = PATCHES
         .iter()
-        .map(|size| residuals.by_patches(size * blocks));
+        .map(|size| residuals.of_patches(size * blocks));
     let sections = SECTIONS
         .iter()
-        .map(|size| residuals.by_sections(size * blocks));
+        .map(|size| residuals.of_sections(size * blocks));
     let envelope = patches
         .chain(sections)
         .flatten()
-        .map(|m| scaled(&m, residuals.length))
+        .map(|c| scaled(&c.matrix, residuals.length))
         .reduce(|a, b| envelope(&a, &b))?;
     let largest = scaled(&envelope, 1.0 / residuals.length);
     let mut covariance = Covariance {
@@ -195,22 +195,6 @@ impl Residuals {
     /// The covariance where the points of a block of so many metres err together, those of two blocks do not; `None` for too few blocks.
     #[must_use]
     pub fn of_patches(&self, metres: f64) -> Option<Covariance> {
-        Some(Covariance {
-            matrix: self.by_patches(metres)?,
-            about: self.about,
-        })
-    }
-
-    /// The covariance where each block of so many metres is displaced by its own; `None` for too few blocks.
-    #[must_use]
-    pub fn of_sections(&self, metres: f64) -> Option<Covariance> {
-        Some(Covariance {
-            matrix: self.by_sections(metres)?,
-            about: self.about,
-        })
-    }
-
-    fn by_patches(&self, metres: f64) -> Option<[[f64; 6]; 6]> {
         let block_of = self.blocks(metres);
         let count = block_of.iter().max()? + 1;
         if count < FEWEST {
@@ -229,11 +213,12 @@ impl Residuals {
         // The fit has taken six degrees of freedom out of the pulls.
         #[expect(clippy::cast_precision_loss, reason = "a count")]
         let lost = count as f64 / (count - 6) as f64;
-        let matrix = sandwich(self.inverse.as_ref()?, &meat);
-        Some(matrix.map(|row| row.map(|v| v * lost)))
+        self.of_pulls(&meat, lost)
     }
 
-    fn by_sections(&self, metres: f64) -> Option<[[f64; 6]; 6]> {
+    /// The covariance where each block of so many metres is displaced by its own; `None` for too few blocks.
+    #[must_use]
+    pub fn of_sections(&self, metres: f64) -> Option<Covariance> {
         let block_of = self.blocks(metres);
         let count = block_of.iter().max()? + 1;
         let mut sections = vec![Section::default(); count];
@@ -252,8 +237,16 @@ impl Residuals {
         let left = told.checked_sub(6).filter(|left| *left >= LEFT)?;
         #[expect(clippy::cast_precision_loss, reason = "a count")]
         let variance = square / left as f64;
-        let matrix = sandwich(self.inverse.as_ref()?, &meat);
-        Some(matrix.map(|row| row.map(|v| v * variance)))
+        self.of_pulls(&meat, variance)
+    }
+
+    /// `H⁻¹ m H⁻¹`, times a factor.
+    fn of_pulls(&self, meat: &[[f64; 6]; 6], factor: f64) -> Option<Covariance> {
+        let matrix = sandwich(self.inverse.as_ref()?, meat);
+        Some(Covariance {
+            matrix: matrix.map(|row| row.map(|v| v * factor)),
+            about: self.about,
+        })
     }
 
     /// The block of each row. A block is what lies nearest to one of some points that are no nearer to each other than so many metres: in a passage

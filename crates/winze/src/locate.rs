@@ -9,7 +9,7 @@
 use std::time::Instant;
 
 use crate::cloud::Cloud;
-use crate::config::{Config, IcpConfig, IcpMetric, Length, MatchingConfig, VerifyConfig};
+use crate::config::{Config, IcpConfig, IcpMetric, MatchingConfig, VerifyConfig};
 use crate::error::{Error, Result};
 use crate::features::Features;
 use crate::judge::{Judgement, insufficient};
@@ -166,20 +166,9 @@ impl Run<'_> {
         Some(chosen.into_iter().map(|i| voxels[i]).collect())
     }
 
-    /// How a pose is verified at a voxel size: patches of wall are no smaller than a share of the passages' width.
+    /// How a pose is verified at a voxel size.
     pub(crate) fn verify_at(&self, voxel: f64) -> VerifyConfig {
-        let verify = &self.config.verify;
-        let (size, step) = (
-            verify.patch_size.metres(voxel),
-            verify.patch_step.metres(voxel),
-        );
-        let wider = (self.width.unwrap_or(0.0) * verify.patch_width / size).max(1.0);
-        VerifyConfig {
-            patch_size: Length::Metres(size * wider),
-            patch_step: Length::Metres(step * wider),
-            piece_size: Length::Metres(verify.piece_size.metres(voxel) * wider),
-            ..verify.clone()
-        }
+        self.config.verify.at(voxel, self.width)
     }
 
     /// Refined poses at one voxel size, or the verdict where there is nothing to refine. `last`: nothing finer follows.

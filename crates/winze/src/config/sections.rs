@@ -281,3 +281,19 @@ section! {
         first_look_distance: Length = Length::Voxels(3.0), UpTo(LONGEST);
     }
 }
+
+impl VerifyConfig {
+    /// The settings at a voxel size, metres, in a map whose passages are so many metres wide, where that was measured: patches and pieces, and
+    /// how far a patch is moved, are lengths in metres, grown alike until a patch is [`patch_width`](Self::patch_width) of the width.
+    #[must_use]
+    pub fn at(&self, voxel: f64, width: Option<f64>) -> Self {
+        let (size, step) = (self.patch_size.metres(voxel), self.patch_step.metres(voxel));
+        let wider = (width.unwrap_or(0.0) * self.patch_width / size).max(1.0);
+        Self {
+            patch_size: Length::Metres(size * wider),
+            patch_step: Length::Metres(step * wider),
+            piece_size: Length::Metres(self.piece_size.metres(voxel) * wider),
+            ..self.clone()
+        }
+    }
+}
