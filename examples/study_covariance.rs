@@ -28,7 +28,8 @@ use winze_io::{ReadOptions, read_cloud};
 struct Tally {
     queries: usize,
     squares: Vec<f64>,
-    within: [usize; 2],
+    /// Of each component.
+    within: [[usize; 6]; 2],
 }
 
 impl Tally {
@@ -40,8 +41,8 @@ impl Tally {
         self.squares.push(square);
         for (i, e) in error.iter().enumerate() {
             let sigmas = e.abs() / covariance.matrix[i][i].sqrt();
-            self.within[0] += usize::from(sigmas <= 1.0);
-            self.within[1] += usize::from(sigmas <= 2.0);
+            self.within[0][i] += usize::from(sigmas <= 1.0);
+            self.within[1][i] += usize::from(sigmas <= 2.0);
         }
     }
 }
@@ -111,9 +112,13 @@ fn main() -> Result<()> {
         let mut all = vec![
             (
                 "0 answered".to_owned(),
-                estimate(map, &query, &pose, &open, &verify),
+                estimate(map, &query, &pose, &open, &verify, &config.odometry),
             ),
             ("1 independent".to_owned(), residuals.independent()),
+            (
+                "4 odometry alone".to_owned(),
+                Some(residuals.of_odometry(&config.odometry)),
+            ),
         ];
         for size in PATCHES {
             all.push((
@@ -136,7 +141,7 @@ fn main() -> Result<()> {
         }
     }
     println!(
-        "family | covariance | queries | mean square | median square | within 1 σ, % | within 2 σ, %"
+        "family | covariance | queries | mean square | median square | within 1 σ, % (x y z, about x y z) | within 2 σ, %"
     );
     println!("---|---|---|---|---|---|---");
     for ((family, kind), mut tally) in tallies {
@@ -144,13 +149,21 @@ fn main() -> Result<()> {
         #[expect(clippy::cast_precision_loss, reason = "counts")]
         let n = tally.queries as f64;
         #[expect(clippy::cast_precision_loss, reason = "counts")]
-        let share = |k: usize| 100.0 * k as f64 / (6.0 * n);
+        let share = |k: usize| 100.0 * k as f64 / n;
+        let both = tally.within.map(|components| {
+            let each: Vec<String> = components
+                .iter()
+                .map(|k| format!("{:.0}", share(*k)))
+                .collect();
+            let all = share(components.iter().sum()) / 6.0;
+            format!("{all:.0} ({})", each.join(" "))
+        });
         println!(
-            "{family} | {kind} | {n} | {:.1} | {:.1} | {:.0} | {:.0}",
+            "{family} | {kind} | {n} | {:.1} | {:.1} | {} | {}",
             tally.squares.iter().sum::<f64>() / n,
             tally.squares[tally.squares.len() / 2],
-            share(tally.within[0]),
-            share(tally.within[1])
+            both[0],
+            both[1]
         );
     }
     Ok(())

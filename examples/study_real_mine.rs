@@ -18,6 +18,8 @@ use winze::{Cloud, Config, Method, Pose, Request, Verdict};
 const MAP: &str = "jinchuan/map_2025-05-13.pcd";
 const QUERY: &str = "jinchuan/query_2025-04-21.pcd";
 
+const AS_IT_IS: &str = "as it is, seeds 0 to 9";
+
 fn main() -> Result<()> {
     folder_exists("jinchuan")?;
     let named: Vec<Method> = std::env::args()
@@ -45,7 +47,7 @@ fn main() -> Result<()> {
             .collect()
     };
     let sets = [
-        ("as it is, seeds 0 to 9", still?),
+        (AS_IT_IS, still?),
         ("in 20 random frames", moved?),
         ("its one half, in 10 random frames", cut(&halves[0])?),
         ("its other half, in 10 random frames", cut(&halves[1])?),
@@ -60,8 +62,15 @@ fn main() -> Result<()> {
             Tally::HEAD,
             Tally::RULE
         );
+        // Seeds are all that tells the first cases apart.
+        let once = if *name == AS_IT_IS { 1 } else { cases.len() };
         for &method in &methods {
-            println!("{method} | {}", run(cases, method, false)?.row());
+            let drawn = if method.draws_at_random() {
+                &cases[..]
+            } else {
+                &cases[..once]
+            };
+            println!("{method} | {}", run(drawn, method, false)?.row());
         }
         if methods.contains(&Method::NdtIcp) {
             println!(
@@ -71,7 +80,7 @@ fn main() -> Result<()> {
         }
     }
     println!(
-        "\n### Where it does not belong: in gazebo_tunnel/slam_map.pcd\n\nmethod | runs | located | other verdicts"
+        "\n### Where it does not belong: in gazebo_tunnel/slam_map.pcd, in 10 random frames\n\nmethod | runs | located | other verdicts"
     );
     println!("---|---|---|---");
     let tunnel = read("gazebo_tunnel/slam_map.pcd")?;
@@ -86,6 +95,7 @@ fn main() -> Result<()> {
                 method,
                 ..Request::default()
             };
+            let query = query.transformed(&random_frame(200 + seed))?;
             verdicts.push(winze::locate_by(&tunnel, &query, &config, &request)?.verdict);
         }
         let located = verdicts.iter().filter(|v| **v == Verdict::Located).count();

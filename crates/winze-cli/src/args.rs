@@ -231,8 +231,8 @@ pub(crate) struct Eval {
     /// A method as for `locate`; may be repeated.
     #[arg(long, short, default_value = "auto", value_name = "NAME")]
     pub(crate) method: Vec<Method>,
-    /// Run each case with so many seeds, from --seed on; 20 with --paper, else 1. (ndt+icp draws nothing
-    /// at random and runs once.)
+    /// Run each case with so many seeds, from --seed on; 20 with --paper, else 1. (auto and ndt+icp draw
+    /// nothing at random and run once.)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub(crate) seeds: Option<u64>,
     /// Print the paper's two tables beside its own figures: its five methods, and auto, on its six clouds.

@@ -128,7 +128,7 @@ fn commented(config: &Config) -> anyhow::Result<String> {
     );
     let _ = writeln!(
         out,
-        "# Seed of every random choice.\nseed = {}",
+        "# Seed of every random choice (auto makes none).\nseed = {}",
         config.seed
     );
     for section in Config::sections() {

@@ -28,6 +28,8 @@ struct HypothesisRow {
     overlap: f64,
     /// Patches of wall asked whether it is the same rock, and those that say yes; null where none was asked.
     patches: Option<PatchesRow>,
+    /// Whether it cannot be ruled out beside the first.
+    rival: bool,
     stop: Option<StopReason>,
 }
 
@@ -38,6 +40,8 @@ struct PatchesRow {
     confirmed: usize,
     /// How far off one rigid pose pieces of the query lie, root mean square, metres; null where that was not measured.
     bend: Option<f64>,
+    /// How far off the query's centroid that may leave the pose, where part of the query is not on the map, metres; null likewise.
+    beyond: Option<f64>,
     /// Share of the query's points in pieces that lie on the map by themselves; null likewise.
     followed: Option<f64>,
     /// Whether the patches were asked where those pieces lie.
@@ -137,9 +141,11 @@ impl Document {
                         asked: r.asked,
                         confirmed: r.confirmed,
                         bend: r.bend,
+                        beyond: r.beyond,
                         followed: r.followed,
                         piecewise: r.piecewise,
                     }),
+                    rival: h.rival,
                     stop: h.stop,
                 })
                 .collect(),

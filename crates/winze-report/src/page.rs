@@ -80,12 +80,14 @@ fn meaning(verdict: Verdict) -> &'static str {
             "Several places in the map fit. Drive on a little and ask again; do not act on the first of them."
         }
         Verdict::Degenerate => {
-            "The place is known, but the query could slide or turn along the directions named."
+            "The query could slide or turn along the directions named. Trust the rest of the pose where the rock confirms the place; where it rests on its shape alone, another passage of that shape would answer alike."
         }
         Verdict::NotFound => {
-            "No place in this map fits well enough. The pose shown is only the best of those tried."
+            "No pose can be believed: no place in this map has the query's shape, or none its rock, or the query is too bent for one pose. The pose shown is only the best of those tried."
         }
-        Verdict::Insufficient => "The query holds too little geometry to say anything.",
+        Verdict::Insufficient => {
+            "The query holds too little geometry, or too little wall to ask, to say where it is."
+        }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use winze::outcome::RankedHypothesis;
 use winze::{Outcome, PoseDistance};
 
 /// Verdict, pose, metrics and the table of stages, as plain text. `error` is the distance from a
@@ -63,19 +64,21 @@ pub fn summary(outcome: &Outcome, error: Option<&PoseDistance>) -> String {
     if outcome.hypotheses.len() > 1 {
         let _ = writeln!(
             out,
-            "\nplaces weighed   overlap  finely  median residual      same rock   centroid in the map"
+            "\nplaces weighed   overlap  finely  median residual      same rock   rival   centroid in the map"
         );
-        for h in outcome.hypotheses.iter().take(8) {
+        let shown = |(i, h): &(usize, &RankedHypothesis)| *i < 8 || h.rival;
+        for (_, h) in outcome.hypotheses.iter().enumerate().filter(shown) {
             let at = centre(outcome, h);
             let _ = writeln!(
                 out,
-                "               {:>7.1} % {:>5.1} %   {:>12} m   {:>12}   {at}",
+                "               {:>7.1} % {:>5.1} %   {:>12} m   {:>12}   {:>5}   {at}",
                 100.0 * h.overlap,
                 100.0 * h.score,
                 h.median_point_to_plane
                     .map_or("-".into(), |m| format!("{m:.4}")),
                 h.relief
                     .map_or("-".into(), |r| format!("{} of {}", r.confirmed, r.asked)),
+                if h.rival { "yes" } else { "" },
             );
         }
     }
@@ -96,7 +99,7 @@ pub fn summary(outcome: &Outcome, error: Option<&PoseDistance>) -> String {
 }
 
 /// Where a hypothesis puts the query's centroid.
-fn centre(outcome: &Outcome, h: &winze::outcome::RankedHypothesis) -> String {
+fn centre(outcome: &Outcome, h: &RankedHypothesis) -> String {
     let (Some(at), Some(best)) = (outcome.covariance_at, &outcome.map_from_query) else {
         return String::new();
     };

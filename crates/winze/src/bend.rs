@@ -7,9 +7,11 @@
 use rayon::prelude::*;
 use rustc_hash::{FxHashMap, FxHashSet};
 
+use crate::cloud::centroid;
 use crate::config::{IcpConfig, VerifyConfig};
 use crate::fit::fit_rigid;
 use crate::icp;
+use crate::line::Line;
 use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::refine::{StopReason, sampled};
@@ -23,6 +25,8 @@ pub struct Bent {
     pub map_from_query: Pose,
     /// Root mean square distance of the points of the pieces that were followed from where that pose puts them, metres.
     pub bend: f64,
+    /// How far off the query's centroid that may leave the pose, metres, where it bends on as it does in the pieces that were followed.
+    pub beyond: f64,
     /// Share of the query's points in pieces that were followed.
     pub followed: f64,
     /// The pose of each piece, by its cell.
@@ -48,6 +52,9 @@ const MOST_TURNED: f64 = 0.06;
 const ON_MAP: f64 = 0.5;
 /// Points of a piece that its refinement looks at.
 const POINTS: usize = 750;
+
+/// What pieces of a straight query seem to be displaced by, in voxels.
+const NOISE: f64 = 0.15;
 
 /// A piece of the query.
 struct Piece {
@@ -150,18 +157,38 @@ pub fn follow(
         points.map(move |p| (p, pose.transform(p), 1.0))
     });
     let map_from_query = fit_rigid(pairs.clone())?;
-    let (mut square, mut count) = (0.0, 0.0);
-    for (p, there, _) in pairs {
+    let normals = lying.iter().flat_map(|&i| {
+        let pose = poses[i].unwrap_or(*start);
+        let normals = pieces[i].surface.normals.iter();
+        normals.map(move |n| pose.rotate(n.map(f64::from)))
+    });
+    let (mut square, mut across, mut count) = (0.0, 0.0, 0.0);
+    for ((p, there, _), normal) in pairs.zip(normals) {
         let d = sub(map_from_query.transform(p), there);
         square += dot(d, d);
+        across += dot(d, normal) * dot(d, normal);
         count += 1.0;
     }
+    // What of the bend the walls show: a piece that has slid along a smooth one shows none, and the walls of a passage that is displaced
+    // sideways face that way by half.
+    let strain = (2.0 * across / f64::max(count, 1.0)).sqrt();
+    let noise = NOISE * map.voxel;
+    let offsets = |points: &[[f32; 3]]| -> Vec<[f64; 3]> {
+        points.iter().map(|p| p.map(f64::from)).collect()
+    };
+    let whole = offsets(&query.points);
+    let part: Vec<[f64; 3]> = lying
+        .iter()
+        .flat_map(|&i| offsets(&pieces[i].surface.points))
+        .collect();
+    let line = Line::of(&whole, &part, centroid(&query.points)?);
     #[expect(clippy::cast_precision_loss, reason = "a count")]
     let all = query.points.len().max(1) as f64;
     let poses = pieces.iter().zip(&poses);
     Some(Bent {
         map_from_query,
         bend: (square / f64::max(count, 1.0)).sqrt(),
+        beyond: line.leverage() * (strain * strain - noise * noise).max(0.0).sqrt(),
         followed: count / all,
         poses: poses
             .filter_map(|(piece, pose)| Some((piece.cell, (*pose)?)))

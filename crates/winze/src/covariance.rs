@@ -10,17 +10,21 @@
 //! * **Sections are displaced**: each block's own best displacement is fitted to its residuals. Their common variance is carried over to the pose. A
 //!   few blocks tell it, since all of them, and all directions that their walls face, tell one number.
 //!
+//! What of the query is not in the map hangs on the rest by the query's own odometry, whose errors are added ([`OdometryConfig`]).
+//!
 //! Along a direction that the geometry leaves open ([`degeneracy`](crate::degeneracy)) residuals say nothing. There the pose is moved until the
 //! query no longer lies on the map, and the way is the uncertainty.
 
-use crate::config::VerifyConfig;
+use crate::config::{OdometryConfig, VerifyConfig};
 use crate::degeneracy::{DirectionKind, Unobservable};
-use crate::icp::{Row, rows};
+use crate::icp::{Row, Rows, rows};
 use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::symmetric::eigen;
 use crate::vec3::{distance, dot, scale, sub};
 use crate::verify::fit;
+
+use extrapolate::extrapolate;
 
 /// Covariance of a perturbation `[δt, δθ]` of a pose, in the axes of the map: `p ← exp(δθ)(p − c) + c + δt`
 /// ([`Pose::perturbed`]).
@@ -113,6 +117,7 @@ pub fn estimate(
     map_from_query: &Pose,
     open: &[Unobservable],
     config: &VerifyConfig,
+    odometry: &OdometryConfig,
 ) -> Option<Covariance> {
     let blocks = config.patch_size.metres(map.voxel);
     let residuals = Residuals::of(map, query, map_from_query, config);
@@ -127,9 +132,15 @@ pub fn estimate(
         .flatten()
         .map(|c| scaled(&c.matrix, residuals.length))
         .reduce(|a, b| envelope(&a, &b))?;
-    let largest = scaled(&envelope, 1.0 / residuals.length);
+    let mut matrix = scaled(&envelope, 1.0 / residuals.length);
+    let elsewhere = residuals.of_odometry(odometry).matrix;
+    for (row, more) in matrix.iter_mut().zip(elsewhere) {
+        for (v, more) in row.iter_mut().zip(more) {
+            *v += more;
+        }
+    }
     let mut covariance = Covariance {
-        matrix: largest,
+        matrix,
         about: residuals.about,
     };
     for direction in open {
@@ -149,6 +160,9 @@ pub fn estimate(
 #[derive(Debug, Clone)]
 pub struct Residuals {
     rows: Vec<Row>,
+    /// The query's points at the pose, on the map or not, and their centroid, as offsets in the map.
+    points: Vec<[f64; 3]>,
+    centre: [f64; 3],
     /// `H⁻¹`, of all rows.
     inverse: Option<[[f64; 6]; 6]>,
     /// The query's centroid in the map.
@@ -167,7 +181,12 @@ impl Residuals {
         config: &VerifyConfig,
     ) -> Self {
         let distance = config.overlap_distance.metres(map.voxel);
-        let (rows, centre, length) = rows(map, query, map_from_query, distance, config.max_points);
+        let Rows {
+            rows,
+            points,
+            centre,
+            length,
+        } = rows(map, query, map_from_query, distance, config.max_points);
         let mut information = [[0.0; 6]; 6];
         for row in &rows {
             add_outer(&mut information, &row.jacobian);
@@ -176,7 +195,19 @@ impl Residuals {
             inverse: inverted_scaled(&information, length),
             about: std::array::from_fn(|a| centre[a] + map.origin[a]),
             rows,
+            points,
+            centre,
             length,
+        }
+    }
+
+    /// What the odometry does to the part of the query that is not on the map.
+    #[must_use]
+    pub fn of_odometry(&self, odometry: &OdometryConfig) -> Covariance {
+        let on_map: Vec<[f64; 3]> = self.rows.iter().map(|r| r.at).collect();
+        Covariance {
+            matrix: extrapolate(&self.points, &on_map, self.centre, odometry),
+            about: self.about,
         }
     }
 
@@ -450,6 +481,8 @@ fn inverted_scaled(information: &[[f64; 6]; 6], length: f64) -> Option<[[f64; 6]
     let inverse = inverted(&scaled(information, 1.0 / length), FLOOR)?;
     Some(scaled(&inverse, 1.0 / length))
 }
+
+mod extrapolate;
 
 #[cfg(test)]
 mod tests;

@@ -132,22 +132,40 @@ pub(crate) struct Row {
     pub(crate) residual: f64,
 }
 
-/// The residuals of [`information`], one by one, with the query's centroid as an offset in the map, and the root mean square distance of the
-/// query's points from it.
+/// The residuals of [`information`], one by one, and what they were taken from.
+#[derive(Debug, Clone)]
+pub(crate) struct Rows {
+    pub(crate) rows: Vec<Row>,
+    /// The query's points at the pose, paired or not, as offsets in the map.
+    pub(crate) points: Vec<[f64; 3]>,
+    /// Their centroid.
+    pub(crate) centre: [f64; 3],
+    /// Their root mean square distance from it.
+    pub(crate) length: f64,
+}
+
+/// See [`Rows`].
 pub(crate) fn rows(
     map: &Surface<'_>,
     query: &Surface<'_>,
     map_from_query: &Pose,
     distance: f64,
     max_points: usize,
-) -> (Vec<Row>, [f64; 3], f64) {
+) -> Rows {
     let chosen = sample(&query.points, max_points);
     let (centroid, length) = spread(&chosen);
     let pose = map_from_query.between_origins(map.origin, query.origin);
     let centre = pose.transform(centroid);
     let pairs = pair(map, &chosen, &pose, distance);
-    let rows = pairs.iter().filter_map(|p| row(map, p, centre)).collect();
-    (rows, centre, length)
+    Rows {
+        rows: pairs.iter().filter_map(|p| row(map, p, centre)).collect(),
+        points: chosen
+            .iter()
+            .map(|p| pose.transform(p.map(f64::from)))
+            .collect(),
+        centre,
+        length,
+    }
 }
 
 /// The residual of a pair; `None` where the map's point has no normal.

@@ -23,6 +23,8 @@ pub struct Judgement {
     pub unobservable: Option<Vec<Unobservable>>,
     /// What a point-to-plane fit says about the best pose; `None` likewise.
     pub information: Option<Information>,
+    /// Which of the candidates cannot be ruled out beside the first.
+    pub rivals: Vec<usize>,
 }
 
 impl Judgement {
@@ -33,7 +35,18 @@ impl Judgement {
             reason,
             unobservable: None,
             information: None,
+            rivals: Vec::new(),
         }
+    }
+
+    /// There was nothing to judge. Where something was known `beforehand` that poses must agree with, none that does was found.
+    pub(crate) fn none_found(beforehand: bool) -> Self {
+        let reason = if beforehand {
+            "no pose that agrees with the region or the attitude asked for has enough matching keypoints behind it"
+        } else {
+            "no pose has enough matching keypoints behind it"
+        };
+        Self::refused(Verdict::NotFound, reason.into())
     }
 }
 
@@ -47,7 +60,8 @@ impl Judgement {
 /// [`VerifyConfig::sure_significance`] on its own, or, where it says so by less than
 /// [`VerifyConfig::sure_significance`], one that fits better by its shape: `ambiguous`. Too few points that lie finely, though
 /// the pose is not that of its pieces: `not_found`, for the rock of one end says nothing of where a bent query's other end puts its
-/// middle. A direction with less than [`VerifyConfig::min_information_confirmed`]: `degenerate`. Else `located`.
+/// middle. A query that is bent where it lies on the map, by so much that the rest may be elsewhere ([`VerifyConfig::max_beyond`]): `not_found` too. A
+/// direction with less than [`VerifyConfig::min_information_confirmed`]: `degenerate`. Else `located`.
 ///
 /// A place that the best one reaches by moving along such directions alone is no rival ([`degeneracy::reaches`]).
 ///
@@ -88,8 +102,7 @@ pub(crate) fn judge_against(
         return insufficient;
     }
     let Some(best) = ranked.first() else {
-        let reason = "no pose has enough matching keypoints behind it".into();
-        return Judgement::refused(Verdict::NotFound, reason);
+        return Judgement::none_found(false);
     };
     let fit = &best.fit;
     let relief = best.relief.unwrap_or_default();
@@ -128,7 +141,7 @@ pub(crate) fn judge_against(
         let enough = r.excess() >= config.rival_excess * relief.excess();
         (enough && c.fit.overlap >= config.least_overlap) || beyond_doubt(c, config)
     };
-    let is_rival = |c: &&Candidate| {
+    let is_rival = |c: &Candidate| {
         let poses = (&best.map_from_query, &c.map_from_query);
         if degeneracy::reaches(&open, poses, centroid, merge) {
             return false;
@@ -142,7 +155,9 @@ pub(crate) fn judge_against(
             }
         }
     };
-    let rivals: Vec<&Candidate> = ranked[1..].iter().filter(is_rival).collect();
+    let rivals: Vec<usize> = (1..ranked.len())
+        .filter(|i| is_rival(&ranked[*i]))
+        .collect();
     let asked = format!(
         "of {} patches of wall {} ({:.0} %) lie finest where they are{}",
         relief.asked,
@@ -155,7 +170,7 @@ pub(crate) fn judge_against(
         }
     );
     let (verdict, reason) = if !rivals.is_empty() {
-        let backed = rivals.iter().copied();
+        let backed = rivals.iter().map(|i| &ranked[*i]);
         let backed = backed.filter(|c| c.relief.is_some_and(|r| as_sure(c, &r)));
         let elsewhere = strongest(backed, config).map(|(c, r)| {
             let way = best.map_from_query.distance(&c.map_from_query, centroid);
@@ -169,10 +184,18 @@ pub(crate) fn judge_against(
         });
         let why = match elsewhere {
             Some(elsewhere) if sure => {
-                format!("{asked}, and of those of another place {elsewhere}")
+                format!(
+                    "{asked}, and of those of another place {elsewhere}, where {:.0} % of the excess over chance or {:.1} standard deviations are too many",
+                    100.0 * config.rival_excess,
+                    config.sure_significance
+                )
             }
             _ if doubtful => {
-                format!("{asked}, too few more than chance gives to overrule the shape")
+                format!(
+                    "{asked}, {:.1} standard deviations more than chance gives, below the {:.1} that overrule the shape",
+                    relief.significance(),
+                    config.sure_significance
+                )
             }
             _ if sure => {
                 format!(
@@ -201,12 +224,20 @@ pub(crate) fn judge_against(
         && let Some(loose) = loose(&finest, map, config)
     {
         let reason = format!(
-            "the rock says that it is this place ({asked}), but no one pose lays the query on it: {loose}; it is bent or blurred, and cannot be followed piece by piece"
+            "the rock says that it is this place ({asked}), but no one pose lays the query on it: {loose}; it is bent or blurred, and {} piece by piece",
+            if relief.bend.is_some() {
+                "cannot be followed"
+            } else {
+                "was not followed"
+            }
         );
+        (Verdict::NotFound, reason)
+    } else if sure && let Some(unknown) = unknown(&relief, config) {
+        let reason = format!("the rock says that it is this place ({asked}), but {unknown}");
         (Verdict::NotFound, reason)
     } else if let Some(d) = open.first() {
         let reason = format!(
-            "nothing in the geometry resists {} ({:.2}, {:.2}, {:.2}); {asked}{}",
+            "nothing in the geometry resists {} ({:.2}, {:.2}, {:.2}): a pair of points tells {:.2} % of what it could, below {:.1} %; {asked}{}",
             match d.kind {
                 degeneracy::DirectionKind::Translation => "sliding along",
                 degeneracy::DirectionKind::Rotation => "turning about",
@@ -214,6 +245,8 @@ pub(crate) fn judge_against(
             d.direction[0],
             d.direction[1],
             d.direction[2],
+            100.0 * d.information,
+            100.0 * least,
             if sure {
                 ""
             } else {
@@ -234,14 +267,17 @@ pub(crate) fn judge_against(
             ),
         };
         let reason = format!(
-            "{:.0} % of the query lies on the map's surface, half of that within {:.3} m; {asked}, where chance gives 33 % at most; and {others}",
+            "{:.0} % of the query lies on the map's surface, half of that within {:.3} m; {asked}, {:.1} standard deviations more than the third that chance gives at most, where {:.0} are asked for; and {others}",
             100.0 * fit.overlap,
-            fit.median_point_to_plane
+            fit.median_point_to_plane,
+            relief.significance(),
+            config.min_significance
         );
         (Verdict::Located, reason)
     } else {
         let reason = format!(
-            "the shape fits, but not the rock: {asked}, not enough more than chance gives (33 % and {:.1} standard deviations)",
+            "the shape fits, but not the rock: {asked}, {:.1} standard deviations more than the third that chance gives at most, where {:.0} are asked for",
+            relief.significance(),
             config.min_significance
         );
         (Verdict::NotFound, reason)
@@ -251,6 +287,7 @@ pub(crate) fn judge_against(
         reason,
         unobservable: Some(open),
         information: Some(information),
+        rivals,
     }
 }
 
@@ -284,6 +321,20 @@ fn loose(fit: &Fit, map: &Surface<'_>, config: &VerifyConfig) -> Option<String> 
             100.0 * fit.fitness / fit.overlap,
             config.fine_tolerance.metres(map.voxel),
             100.0 * config.min_fine_share
+        )
+    })
+}
+
+/// That the query is bent where it lies on the map, and that too little of it does to tell what the bend does to the rest; `None` where it is
+/// straight enough, or enough of it lies there, or neither was asked.
+fn unknown(relief: &Relief, config: &VerifyConfig) -> Option<String> {
+    let (beyond, followed) = (relief.beyond?, relief.followed?);
+    (beyond > config.max_beyond).then(|| {
+        format!(
+            "the query is bent, and only {:.0} % of it was followed on the map: were the rest bent alike, this pose would be {beyond:.1} m off its middle, \
+             more than {:.1} m",
+            100.0 * followed,
+            config.max_beyond
         )
     })
 }

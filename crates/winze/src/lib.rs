@@ -82,6 +82,7 @@ pub mod iss;
 pub mod judge;
 pub mod kdtree;
 pub mod kept;
+mod line;
 pub mod locate;
 pub mod matching;
 pub mod method;

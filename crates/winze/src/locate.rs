@@ -68,6 +68,7 @@ pub fn locate_in(
         config,
         request,
         begun: Instant::now(),
+        centroid: query.cloud().centroid().unwrap_or_default(),
         width: None,
         map_seconds: 0.0,
         stages: Vec::new(),
@@ -129,6 +130,8 @@ pub(crate) struct Run<'a> {
     pub(crate) config: &'a Config,
     pub(crate) request: &'a Request<'a>,
     begun: Instant,
+    /// The query's, of all its points: what a region is asked for.
+    pub(crate) centroid: [f64; 3],
     /// How wide the map's passages are, metres, where that was measured.
     width: Option<f64>,
     /// Spent on the map alone.
@@ -164,6 +167,12 @@ impl Run<'_> {
             scale::choose(&voxels, &map_measure, &query, tries)
         });
         Some(chosen.into_iter().map(|i| voxels[i]).collect())
+    }
+
+    /// Whether what is known beforehand allows a refined pose.
+    pub(crate) fn plausible(&self, candidate: &Candidate) -> bool {
+        let pose = &candidate.map_from_query;
+        self.request.plausible(pose, self.centroid, 0.0)
     }
 
     /// How a pose is verified at a voxel size.
@@ -224,8 +233,7 @@ impl Run<'_> {
         };
         let found = candidates.len();
         // Refinement may have led a pose away from what is known beforehand.
-        let centroid = query_at.surface.centroid().unwrap_or_default();
-        candidates.retain(|c| request.plausible(&c.map_from_query, centroid));
+        candidates.retain(|c| self.plausible(c));
         if found > 0 && candidates.is_empty() {
             let reason = "no pose found agrees with the region or the attitude asked for".into();
             return Ok(Err(Judgement::refused(Verdict::NotFound, reason)));
@@ -279,7 +287,6 @@ impl Run<'_> {
             let n = matches.as_ref().map_or(0, Vec::len);
             (matches, n)
         })?;
-        let centroid = query.surface.centroid().unwrap_or_default();
         query.describe(config);
         map.describe(config)?;
         let (map, query) = (&*map, &*query);
@@ -287,6 +294,9 @@ impl Run<'_> {
         let map_features = cut.as_ref().or(map.described()).unwrap_or(&nothing);
         let query_features = query.described().unwrap_or(&nothing);
         let request = self.request;
+        let unrefined = self.verify_at(voxel).first_look_distance.metres(voxel);
+        let centroid = self.centroid;
+        let plausible = |p: &Pose| request.plausible(p, centroid, unrefined);
         if request.method == Method::Auto {
             return Ok(self.stage("estimate", correspondences.len(), || {
                 let pairs = graph::oriented(
@@ -296,8 +306,7 @@ impl Run<'_> {
                     config.graph.max_pairs,
                 );
                 let (outer, inner) = (map_features.origin, query_features.origin);
-                let plausible =
-                    |p: &Pose| request.plausible(&p.from_between_origins(outer, inner), centroid);
+                let plausible = |p: &Pose| plausible(&p.from_between_origins(outer, inner));
                 let found: Vec<Pose> = graph::poses(&pairs, &config.graph, voxel, &plausible)
                     .iter()
                     .map(|h| h.map_from_query.from_between_origins(outer, inner))
@@ -314,7 +323,7 @@ impl Run<'_> {
                 &config.ransac,
                 voxel,
                 config.seed,
-                &|pose| request.plausible(pose, centroid),
+                &plausible,
             );
             let n = e.hypotheses.len();
             (e, n)
@@ -355,13 +364,15 @@ impl Run<'_> {
             hypotheses: best
                 .ranked
                 .iter()
-                .map(|c| RankedHypothesis {
+                .enumerate()
+                .map(|(i, c)| RankedHypothesis {
                     map_from_query: c.map_from_query,
                     score: c.fit.fitness,
                     median_point_to_plane: finite(c.fit.median_point_to_plane),
                     inlier_fraction: c.fit.inlier_fraction,
                     overlap: c.fit.overlap,
                     relief: c.relief,
+                    rival: best.judgement.rivals.contains(&i),
                     stop: c.stop,
                 })
                 .collect(),

@@ -49,6 +49,12 @@ impl Method {
         self != Self::NdtIcp
     }
 
+    /// Draws at random, so that the seed matters.
+    #[must_use]
+    pub fn draws_at_random(self) -> bool {
+        !matches!(self, Self::Auto | Self::NdtIcp)
+    }
+
     /// Refines by NDT.
     #[must_use]
     pub fn uses_ndt(self) -> bool {

@@ -76,6 +76,8 @@ pub struct RankedHypothesis {
     pub overlap: f64,
     /// Whether it is the same rock, patch by patch; `None` where that was not asked.
     pub relief: Option<Relief>,
+    /// Whether it cannot be ruled out beside the place answered.
+    pub rival: bool,
     /// Why its refinement stopped; `None` where it was not refined.
     pub stop: Option<StopReason>,
 }

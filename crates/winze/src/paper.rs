@@ -79,7 +79,7 @@ impl Run<'_> {
             let n = refined.len();
             (refined, n)
         });
-        let (request, centroid) = (self.request, query.centroid().unwrap_or_default());
+        let (request, centroid) = (self.request, self.centroid);
         self.stage("verify", refined.len(), || {
             let own = refined.remove(0);
             let at_home = |c: &Candidate| {
@@ -97,7 +97,7 @@ impl Run<'_> {
                     fitness: a.fitness.max(b.fitness),
                     ..a
                 });
-            refined.retain(|c| !at_home(c) && request.plausible(&c.map_from_query, centroid));
+            refined.retain(|c| !at_home(c) && request.plausible(&c.map_from_query, centroid, 0.0));
             let mut ranked = rank(refined, query, verify, map.voxel);
             // The rock is asked about the place, which an unrefined pose may miss by more than a patch bears.
             let mut home = [lead, own];

@@ -26,6 +26,8 @@ pub struct Relief {
     /// How far off one rigid pose the pieces of the query lie ([`bend`](crate::bend)), root mean square, metres; `None`
     /// where that was not asked.
     pub bend: Option<f64>,
+    /// How far off the query's centroid that may leave the pose, where part of the query is not on the map, metres; `None` likewise.
+    pub beyond: Option<f64>,
     /// Share of the query's points in pieces that were found to lie on the map by themselves.
     pub followed: Option<f64>,
     /// The patches were asked where the pieces lie, not where the rigid pose puts them.

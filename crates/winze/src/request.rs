@@ -4,6 +4,7 @@ use crate::cloud::Cloud;
 use crate::method::Method;
 use crate::outcome::Stage;
 use crate::pose::Pose;
+use crate::vec3::distance;
 
 /// Told of each stage by name, as it begins (with `None`) and as it ends.
 pub type Progress<'a> = dyn Fn(&str, Option<&Stage>) + Sync + 'a;
@@ -48,22 +49,25 @@ impl Near {
         self.radius + size
     }
 
-    fn holds(&self, p: [f64; 3]) -> bool {
-        (0..3)
-            .map(|a| (p[a] - self.centre[a]) * (p[a] - self.centre[a]))
-            .sum::<f64>()
-            <= self.radius * self.radius
+    fn holds(&self, p: [f64; 3], beyond: f64) -> bool {
+        distance(p, self.centre) <= self.radius + beyond
     }
 }
 
 impl Request<'_> {
-    /// Whether what is known beforehand speaks for a pose that puts the query's centroid there.
-    pub(crate) fn plausible(&self, pose: &Pose, centroid: [f64; 3]) -> bool {
+    /// Whether anything is known beforehand that a pose must agree with.
+    pub(crate) fn restricts(&self) -> bool {
+        self.gravity_aligned || self.near.is_some()
+    }
+
+    /// Whether what is known beforehand allows a pose that puts the query's centroid there; a pose that is yet to be refined is allowed to be so
+    /// many metres outside of the ball.
+    pub(crate) fn plausible(&self, pose: &Pose, centroid: [f64; 3], unrefined: f64) -> bool {
         let upright = !self.gravity_aligned
             || pose.rotate([0.0, 0.0, 1.0])[2] >= libm::cos(GRAVITY_TOLERANCE);
         upright
             && self
                 .near
-                .is_none_or(|near| near.holds(pose.transform(centroid)))
+                .is_none_or(|near| near.holds(pose.transform(centroid), unrefined))
     }
 }

@@ -176,7 +176,7 @@ impl Run<'_> {
         (voxel, at): (f64, f64),
         verify: &VerifyConfig,
     ) -> Result<Judgement> {
-        let (config, request) = (self.config, self.request);
+        let (config, request, centroid) = (self.config, self.request, self.centroid);
         let points = query.limited(config).len();
         let query = self.stage("prepare query", points, || {
             let made = query.at(at, config);
@@ -213,9 +213,8 @@ impl Run<'_> {
         } else {
             found
         };
-        let centroid = query.centroid().unwrap_or_default();
         Ok(self.stage("verify", found.len(), || {
-            let plausible = |c: &Candidate| request.plausible(&c.map_from_query, centroid);
+            let plausible = |c: &Candidate| request.plausible(&c.map_from_query, centroid, 0.0);
             // A confirmed place is not asked anew for having been found anew.
             let known = |c: &Candidate| {
                 let held = |d: &Candidate| same_place(d, c, query, verify, at);
@@ -227,9 +226,11 @@ impl Run<'_> {
             by_evidence(pool, map, query, verify, &icp_config);
             // The pieces of a bent query may have led it out of what is known beforehand.
             pool.retain(plausible);
-            let judgement = judge(pool, map, query, verify);
             let n = pool.len();
-            (judgement, n)
+            if n == 0 && request.restricts() {
+                return (Judgement::none_found(true), n);
+            }
+            (judge(pool, map, query, verify), n)
         }))
     }
 }

@@ -297,12 +297,14 @@ fn unbend(
         };
         let asked = Relief {
             bend: Some(bent.bend),
+            beyond: Some(bent.beyond),
             followed: Some(bent.followed),
             piecewise: true,
             ..ask(&|p: &Patch| bent.pose_of(p.centre()))
         };
         c.relief = Some(Relief {
             bend: Some(bent.bend),
+            beyond: Some(bent.beyond),
             followed: Some(bent.followed),
             ..rigid
         });

@@ -34,8 +34,8 @@ pub(super) struct Asked<'a> {
 impl Asked<'_> {
     fn seeds_of(&self, method: Method) -> Vec<u64> {
         let mut seeds = seeds(self.args, self.config.seed);
-        if !method.uses_features() {
-            // Nothing is drawn at random: all seeds would say the same.
+        if !method.draws_at_random() {
+            // All seeds would say the same.
             seeds.truncate(1);
         }
         seeds

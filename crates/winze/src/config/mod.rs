@@ -14,8 +14,8 @@ pub use choices::{DescriptorVariant, IcpMetric, IssCentre, Kernel, NdtForm, Orie
 pub use length::Length;
 pub use schema::{FieldDoc, Rule};
 pub use sections::{
-    FpfhConfig, GraphConfig, IcpConfig, IssConfig, MatchingConfig, NdtConfig, PrepareConfig,
-    RansacConfig, ScaleConfig, VerifyConfig,
+    FpfhConfig, GraphConfig, IcpConfig, IssConfig, MatchingConfig, NdtConfig, OdometryConfig,
+    PrepareConfig, RansacConfig, ScaleConfig, VerifyConfig,
 };
 
 use crate::error::Result;
@@ -36,7 +36,7 @@ pub struct SectionDoc {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[cfg_attr(feature = "serde", serde(default, deny_unknown_fields))]
 pub struct Config {
-    /// Seed of every random choice.
+    /// Seed of every random choice (`auto` makes none).
     pub seed: u64,
     /// The length scale.
     pub scale: ScaleConfig,
@@ -58,6 +58,8 @@ pub struct Config {
     pub icp: IcpConfig,
     /// Verification and verdict.
     pub verify: VerifyConfig,
+    /// What is believed of the query's odometry.
+    pub odometry: OdometryConfig,
 }
 
 impl Config {
@@ -75,12 +77,13 @@ impl Config {
         self.graph.check()?;
         self.ndt.check()?;
         self.icp.check()?;
-        self.verify.check()
+        self.verify.check()?;
+        self.odometry.check()
     }
 
     /// Documentation of every section, in the order of the pipeline.
     #[must_use]
-    pub fn sections() -> [SectionDoc; 10] {
+    pub fn sections() -> [SectionDoc; 11] {
         macro_rules! docs {
             ($($section:ident),+) => {
                 [$(SectionDoc { key: $section::KEY, doc: $section::DOC, fields: $section::FIELDS }),+]
@@ -96,7 +99,8 @@ impl Config {
             GraphConfig,
             NdtConfig,
             IcpConfig,
-            VerifyConfig
+            VerifyConfig,
+            OdometryConfig
         )
     }
 }

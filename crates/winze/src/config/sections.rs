@@ -92,7 +92,7 @@ section! {
 }
 
 section! {
-    /// Descriptor matching.
+    /// Descriptor matching of the paper's methods (`auto` takes all nearest, see `[graph]`).
     pub struct MatchingConfig("matching") {
         /// Nearest map descriptors taken for each query descriptor.
         neighbours: usize = 1, Between(1.0, 64.0);
@@ -104,7 +104,7 @@ section! {
 }
 
 section! {
-    /// RANSAC over correspondences.
+    /// RANSAC over correspondences, in the paper's methods (`auto`: `[graph]`).
     pub struct RansacConfig("ransac") {
         /// A correspondence is an inlier of a pose within this distance.
         inlier_distance: Length = Length::Voxels(2.0), UpTo(LONGEST);
@@ -255,6 +255,8 @@ section! {
         straight: Length = Length::Voxels(0.5), UpTo(LONGEST);
         /// share of the query that must lie in pieces on the map for their rigid fit to be an answer,
         min_followed: f64 = 0.6, Between(0.0, 1.0);
+        /// how far off the query's centroid, metres, a bend may leave the answer where the rest of the query bends on alike,
+        max_beyond: f64 = 0.4, Positive;
         /// and how many patches are asked at most.
         patches: usize = 300, Between(1.0, 1e6);
         /// Patches that must have been asked for a place to be believed,
@@ -279,6 +281,23 @@ section! {
         refined: usize = 8, Between(1.0, 1000.0);
         /// within this distance of the map.
         first_look_distance: Length = Length::Voxels(3.0), UpTo(LONGEST);
+    }
+}
+
+section! {
+    /// How the SLAM that made the query errs, one standard deviation each. For the covariance alone: where part of the query is not in the map, it
+    /// hangs on the rest by these.
+    pub struct OdometryConfig("odometry") {
+        /// Scale of its steps, a share.
+        scale: f64 = 0.003, Between(0.0, 1.0);
+        /// Constant turn of its heading, degrees a metre.
+        turn: f64 = 0.01, Between(0.0, 90.0);
+        /// Random walk of its heading, degrees after one metre.
+        turn_walk: f64 = 0.02, Between(0.0, 90.0);
+        /// Random walk of its position about each axis, metres after one metre.
+        walk: f64 = 0.003, Between(0.0, 10.0);
+        /// How much of the turns also tilts: little where the SLAM knows gravity.
+        tilt: f64 = 0.1, Between(0.0, 1.0);
     }
 }
 

@@ -114,7 +114,15 @@ fn errors(draws: u64, spoil: &dyn Fn(&mut Rng, &mut Vec<[f64; 3]>)) -> [f64; 2] 
         let pose = found.map_from_query;
         let at = query.centroid().unwrap();
         let error = perturbation(&pose, &Pose::identity(), at);
-        let blocks = estimate(&map, &query, &pose, &[], &config).unwrap();
+        let blocks = estimate(
+            &map,
+            &query,
+            &pose,
+            &[],
+            &config,
+            &OdometryConfig::default(),
+        )
+        .unwrap();
         let independent = Residuals::of(&map, &query, &pose, &config).independent();
         for (sum, covariance) in nees.iter_mut().zip([blocks, independent.unwrap()]) {
             *sum += covariance.nees(error).unwrap();
@@ -169,7 +177,15 @@ fn an_open_direction_is_as_wide_as_the_tunnel_is_long() {
         .filter(|d| d.information < config.min_information && d.kind == DirectionKind::Translation)
         .collect();
     assert_eq!(open.len(), 1, "{open:?}");
-    let covariance = estimate(&map, &query, &pose, &open, &config).unwrap();
+    let covariance = estimate(
+        &map,
+        &query,
+        &pose,
+        &open,
+        &config,
+        &OdometryConfig::default(),
+    )
+    .unwrap();
     let sigma: [f64; 3] = std::array::from_fn(|i| covariance.matrix[i][i].sqrt());
     // It slides by some 15 m to either end.
     assert!(sigma[0] > 4.0 && sigma[0] < 16.0, "{sigma:?}");
@@ -181,14 +197,21 @@ fn too_little_to_tell_is_told() {
     let map = surface(&drift(60_000, 20.0, 0.3, 0.01, 1), 0.2);
     let config = VerifyConfig::default();
     let away = Pose::from_translation([900.0, 0.0, 0.0]);
-    let none = estimate(&map, &map, &away, &[], &config);
+    let none = estimate(&map, &map, &away, &[], &config, &OdometryConfig::default());
     assert_eq!(none, None);
     assert_eq!(
         Residuals::of(&map, &map, &away, &config).independent(),
         None
     );
     assert_eq!(
-        estimate(&map, &Surface::default(), &away, &[], &config),
+        estimate(
+            &map,
+            &Surface::default(),
+            &away,
+            &[],
+            &config,
+            &OdometryConfig::default()
+        ),
         None
     );
 }

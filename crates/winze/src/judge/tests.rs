@@ -143,6 +143,21 @@ fn the_rock_of_one_end_does_not_place_a_bent_query() {
     assert!(bent.reason.contains("no one pose"), "{}", bent.reason);
     // The pose of its pieces lies loosely as a whole, and is right.
     assert_eq!(judged(lies(0.3, true)).verdict, Verdict::Located);
+    // Bent where it lies, and by so much that the rest may be elsewhere.
+    let beyond = |metres| {
+        let mut c = lies(0.5, true);
+        let relief = c.relief.as_mut().unwrap();
+        (relief.beyond, relief.followed) = (Some(metres), Some(0.7));
+        judged(c)
+    };
+    assert_eq!(beyond(0.3).verdict, Verdict::Located);
+    let elsewhere = beyond(0.5);
+    assert_eq!(elsewhere.verdict, Verdict::NotFound);
+    assert!(
+        elsewhere.reason.contains("0.5 m off"),
+        "{}",
+        elsewhere.reason
+    );
     // A pose that is not refined is held against its refinement.
     let refined = lies(0.5, false).fit;
     let rough = judge_against(&[lies(0.3, false)], Some(refined), &map, &query, &config);

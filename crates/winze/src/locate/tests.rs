@@ -207,3 +207,47 @@ fn the_bare_chain_ends_where_icp_does_and_the_guarded_one_no_worse() {
     assert_eq!(guarded.map_from_query, Some(pose));
     assert_eq!(guarded.hypotheses[0].stop, Some(stop));
 }
+
+#[test]
+fn a_bent_pose_that_leaves_the_region_is_no_answer() {
+    let query_from_map = Pose::from_rotation_vector([0.1, -0.2, 2.0], [40.0, -7.0, 3.0]);
+    let bent: Vec<[f64; 3]> = drift(90_000, 30.0, 0.4, 0.01, 9)
+        .into_iter()
+        .map(|[x, y, z]| [x, y + 1.5 * (x / 30.0) * (x / 30.0), z])
+        .map(|p| query_from_map.transform(p))
+        .collect();
+    let (map, query) = (cloud(&drift(90_000, 30.0, 0.4, 0.01, 1)), cloud(&bent));
+    let near = |centre: [f64; 3]| Request {
+        near: Some(Near {
+            centre,
+            radius: 2.0,
+        }),
+        ..Request::default()
+    };
+    let free = by(&map, &query, &Request::default());
+    assert_eq!(free.verdict, Verdict::Located, "{}", free.reason);
+    assert!(free.reason.contains("piece by piece"), "{}", free.reason);
+    let [x, y, z] = free.covariance_at.unwrap();
+    // The place that is reported is the one that a region is asked for.
+    let inside = by(&map, &query, &near([x, y, z + 1.98]));
+    assert_eq!(inside.verdict, Verdict::Located, "{}", inside.reason);
+    let outside = by(&map, &query, &near([x, y, z + 2.05]));
+    assert_ne!(outside.verdict, Verdict::Located, "{}", outside.reason);
+}
+
+#[test]
+fn what_no_pose_agrees_with_is_named() {
+    let (map, query, _) = pair(1);
+    let upright = Request {
+        gravity_aligned: true,
+        ..Request::default()
+    };
+    // Its frame lies on its side.
+    let outcome = by(&cloud(&map), &query, &upright);
+    assert_ne!(outcome.verdict, Verdict::Located);
+    assert!(
+        outcome.reason.contains("attitude asked for"),
+        "{}",
+        outcome.reason
+    );
+}

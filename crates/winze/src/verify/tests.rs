@@ -86,3 +86,68 @@ fn merging_keeps_the_fittest_of_each_place() {
         [0.6, 0.4]
     );
 }
+
+/// Points of the rough drift from 0 to 45 m, bent to an arc that leaves the walls by up to three metres.
+fn arc() -> Vec<[f64; 3]> {
+    drift(120_000, 45.0, 0.3, 0.01, 2)
+        .into_iter()
+        .map(|[x, y, z]| [x, y + 3.0 * ((x - 10.0) / 34.0) * ((x - 10.0) / 34.0), z])
+        .collect()
+}
+
+/// The verdict on the bent query in a map of so many metres, begun where one end of it lies, and what became of the pose.
+fn bent(length: f64, config: &VerifyConfig) -> (Verdict, Candidate) {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "small"
+    )]
+    let points = (3_200.0 * length) as usize;
+    let map = surface(&drift(points, length, 0.3, 0.01, 1), 0.15);
+    let query = surface(&arc(), 0.15);
+    let icp = IcpConfig {
+        metric: crate::config::IcpMetric::PointToPlane,
+        ..IcpConfig::default()
+    };
+    let mut pool = vec![candidate(&map, &query, &Pose::identity(), None, config)];
+    by_evidence(&mut pool, &map, &query, config, &icp);
+    (judge(&pool, &map, &query, config).verdict, pool[0])
+}
+
+#[test]
+fn a_bent_query_is_answered_by_the_pose_of_its_pieces() {
+    let config = VerifyConfig {
+        piece_size: crate::config::Length::Metres(6.0),
+        ..VerifyConfig::default()
+    };
+    let (verdict, found) = bent(50.0, &config);
+    assert_eq!(verdict, Verdict::Located);
+    let relief = found.relief.unwrap();
+    assert!(
+        relief.piecewise && relief.followed.unwrap() > 0.9 && relief.beyond.unwrap() < 0.1,
+        "{relief:?}"
+    );
+    let straight = drift(120_000, 45.0, 0.3, 0.01, 2);
+    let best = crate::fit::fit_rigid(arc().into_iter().zip(straight).map(|(b, s)| (b, s, 1.0)));
+    let off = found
+        .map_from_query
+        .distance(&best.unwrap(), [22.0, 0.5, 0.0]);
+    assert!(off.translation < 0.08 && off.rotation < 0.01, "{off:?}");
+
+    // Of which half is not in the map: where the rest lies no one knows, and the half that is does not say.
+    let (verdict, half) = bent(22.0, &config);
+    let relief = half.relief.unwrap();
+    assert!(relief.followed.is_some_and(|f| f < 0.6), "{relief:?}");
+    assert!(
+        !relief.piecewise && relief.beyond.unwrap() > 0.4,
+        "{relief:?}"
+    );
+    assert_eq!(half.map_from_query, Pose::identity(), "{verdict}");
+    let careless = VerifyConfig {
+        min_followed: 0.2,
+        ..config
+    };
+    let (verdict, found) = bent(22.0, &careless);
+    assert!(found.relief.unwrap().piecewise);
+    assert_eq!(verdict, Verdict::NotFound, "the rest may be anywhere");
+}
