@@ -331,8 +331,8 @@ fn unknown(relief: &Relief, config: &VerifyConfig) -> Option<String> {
     let (beyond, followed) = (relief.beyond?, relief.followed?);
     (beyond > config.max_beyond).then(|| {
         format!(
-            "the query is bent, and only {:.0} % of it was followed on the map: were the rest bent alike, this pose would be {beyond:.1} m off its middle, \
-             more than {:.1} m",
+            "the query is bent, and only {:.0} % of it was followed on the map: were the rest bent alike, this pose would be {beyond:.2} m off its middle, \
+             more than {:.2} m",
             100.0 * followed,
             config.max_beyond
         )

@@ -256,7 +256,7 @@ section! {
         /// share of the query that must lie in pieces on the map for their rigid fit to be an answer,
         min_followed: f64 = 0.6, Between(0.0, 1.0);
         /// how far off the query's centroid, metres, a bend may leave the answer where the rest of the query bends on alike,
-        max_beyond: f64 = 0.4, Positive;
+        max_beyond: f64 = 0.25, Positive;
         /// and how many patches are asked at most.
         patches: usize = 300, Between(1.0, 1e6);
         /// Patches that must have been asked for a place to be believed,

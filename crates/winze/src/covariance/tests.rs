@@ -215,3 +215,58 @@ fn too_little_to_tell_is_told() {
         None
     );
 }
+
+#[test]
+fn what_is_not_on_the_map_hangs_on_the_rest_by_odometry() {
+    let points = |length: f64| -> Vec<[f64; 3]> {
+        let at = |i: u32| {
+            let a = f64::from(i) * 2.4;
+            let x = length * (f64::from(i) + 0.5) / 6_000.0;
+            [x, 2.0 * libm::cos(a), 2.0 * libm::sin(a)]
+        };
+        (0..6_000).map(at).collect()
+    };
+    let none = OdometryConfig {
+        scale: 0.0,
+        turn: 0.0,
+        turn_walk: 0.0,
+        walk: 0.0,
+        tilt: 0.0,
+    };
+    let (all, half, middle) = (points(60.0), points(30.0), [30.0, 0.0, 0.0]);
+    // Steps 1 % too long: the middle of the whole is 0.3 m further, that of the half 0.15 m, which is all that the map sees.
+    let scale = OdometryConfig {
+        scale: 0.01,
+        ..none.clone()
+    };
+    let longer = extrapolate(&all, &half, middle, &scale);
+    assert!((longer[0][0].sqrt() - 0.15).abs() < 0.003, "{longer:?}");
+    assert!(longer[1][1] < 1e-9 && longer[5][5] < 1e-12, "{longer:?}");
+    // Headings turn about the vertical: the query is off sideways, and its heading with it; nothing lifts it.
+    let turn = OdometryConfig {
+        turn: 0.1,
+        ..none.clone()
+    };
+    let turned = extrapolate(&all, &half, middle, &turn);
+    // By hand, of a thin line: k/2 L² ((1-f)²/4 - f²/12 + 1/12) with f = ½, and k L (1 - f) / 2.
+    let k = 0.1f64.to_radians();
+    let (off, heading) = (k / 2.0 * 3600.0 * 0.125, k * 60.0 * 0.25);
+    assert!(
+        (turned[1][1].sqrt() / off - 1.0).abs() < 0.05,
+        "{turned:?} {off}"
+    );
+    assert!(
+        (turned[5][5].sqrt() / heading - 1.0).abs() < 0.05,
+        "{turned:?} {heading}"
+    );
+    assert!(turned[2][2] < 1e-9 && turned[4][4] < 1e-12, "{turned:?}");
+    // What walks goes any way.
+    let walk = OdometryConfig { walk: 0.01, ..none };
+    let walked = extrapolate(&all, &half, middle, &walk);
+    assert!(
+        (walked[1][1] / walked[2][2] - 1.0).abs() < 0.05,
+        "{walked:?}"
+    );
+    let all_of_it = extrapolate(&all, &all, middle, &OdometryConfig::default());
+    assert!(all_of_it.iter().flatten().all(|v| v.abs() < 1e-18));
+}

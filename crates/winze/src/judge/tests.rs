@@ -150,11 +150,11 @@ fn the_rock_of_one_end_does_not_place_a_bent_query() {
         (relief.beyond, relief.followed) = (Some(metres), Some(0.7));
         judged(c)
     };
-    assert_eq!(beyond(0.3).verdict, Verdict::Located);
+    assert_eq!(beyond(0.2).verdict, Verdict::Located);
     let elsewhere = beyond(0.5);
     assert_eq!(elsewhere.verdict, Verdict::NotFound);
     assert!(
-        elsewhere.reason.contains("0.5 m off"),
+        elsewhere.reason.contains("0.50 m off"),
         "{}",
         elsewhere.reason
     );
