@@ -91,9 +91,11 @@ def error(pose, case, centroid):
     return float(metres), float(np.degrees(np.arccos(cosine)))
 
 
-def chosen(cases, count):
+def chosen(cases, count, only):
     taken, families = [], {}
     for case in cases:
+        if only and case["family"] not in only:
+            continue
         if not case["truth"] or case["ambiguous"] or case["unobservable"]:
             continue
         n = families.get(case["family"], 0)
@@ -120,6 +122,7 @@ def main():
     args.add_argument("--count", type=int, default=30)
     args.add_argument("--voxels", type=float, nargs="+", default=[0.2, 0.3, 0.5])
     args.add_argument("--scout", type=int, help="ask only so many of a family at every voxel size")
+    args.add_argument("--families", nargs="+", help="only these")
     args.add_argument("--peers", nargs="+", default=["kiss-matcher", "open3d"])
     args.add_argument("--json", type=pathlib.Path)
     args = args.parse_args()
@@ -127,7 +130,7 @@ def main():
     o3d.utility.random.seed(0)
 
     runs, kept, asked, settled = [], {}, {}, {}
-    for case in chosen(json.loads((args.cases / "cases.json").read_text())["cases"], args.count):
+    for case in chosen(json.loads((args.cases / "cases.json").read_text())["cases"], args.count, args.families):
         cloud = read(args.cases / case["query"])
         centroid = np.asarray(cloud.points).mean(axis=0)
         number = asked[case["family"]] = asked.get(case["family"], 0) + 1
@@ -167,6 +170,8 @@ def main():
                         "seconds": seconds,
                     }
                 )
+            for r in runs[-len(names) :]:
+                print(f"# {r['case']} {r['peer']} at {voxel} m: {r['right']}, {r['seconds']:.1f} s", flush=True)
         if args.json:
             args.json.write_text(json.dumps(runs, indent=1))
 

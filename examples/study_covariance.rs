@@ -16,6 +16,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use common::Result;
+use winze::config::{IcpConfig, IcpMetric};
 use winze::covariance::{Covariance, PATCHES, Residuals, SECTIONS, estimate, perturbation};
 use winze::degeneracy::{Unobservable, directions};
 use winze::icp::information;
@@ -72,6 +73,10 @@ fn main() -> Result<()> {
         .collect();
     let evaluation = read(Path::new(&evaluation))?;
     let config = Config::default();
+    let icp = IcpConfig {
+        metric: IcpMetric::PointToPlane,
+        ..config.icp.clone()
+    };
     type Map = (Cloud, Option<f64>);
     let mut maps: BTreeMap<String, Map> = BTreeMap::new();
     let mut surfaces: BTreeMap<(String, u64), Surface<'static>> = BTreeMap::new();
@@ -107,17 +112,18 @@ fn main() -> Result<()> {
             .into_iter()
             .filter(|d| d.information < verify.min_information_confirmed)
             .collect();
+        let beyond = winze::bend::follow(map, &query, &pose, &icp, &verify).map(|b| b.beyond);
         let residuals = Residuals::of(map, &query, &pose, &verify);
         let patch = verify.patch_size.metres(voxel);
         let mut all = vec![
             (
                 "0 answered".to_owned(),
-                estimate(map, &query, &pose, &open, &verify, &config.odometry),
+                estimate(map, &query, &pose, &open, &verify, &config.odometry, beyond),
             ),
             ("1 independent".to_owned(), residuals.independent()),
             (
                 "4 odometry alone".to_owned(),
-                Some(residuals.of_odometry(&config.odometry)),
+                Some(residuals.of_odometry(&config.odometry, 0.0)),
             ),
         ];
         for size in PATCHES {

@@ -29,8 +29,17 @@ fn the_demo_locates_its_query_and_shows_it() {
         "{json}"
     );
     // Not computed, so null; never invented.
-    for field in ["confidence", "covariance"] {
-        assert_eq!(outcome.get(field), Some(&serde_json::Value::Null));
+    assert_eq!(outcome.get("confidence"), Some(&serde_json::Value::Null));
+    // The demo's pose is good to a few centimetres, and says so.
+    for field in ["covariance", "covariance_at_origin"] {
+        let variance = |i: usize| outcome[field][i][i].as_f64().unwrap();
+        for i in 0..6 {
+            assert!(variance(i) > 0.0, "{field}");
+        }
+    }
+    for i in 0..3 {
+        let sigma = outcome["covariance"][i][i].as_f64().unwrap().sqrt();
+        assert!(sigma > 0.0005 && sigma < 0.1, "{sigma}");
     }
     let png = std::fs::read(folder.join("before_and_after.png")).unwrap();
     assert!(png.starts_with(b"\x89PNG") && png.len() > 50_000);
@@ -228,6 +237,7 @@ fn the_json_has_every_field_of_the_contract() {
             "map_from_query",
             "covariance",
             "covariance_at",
+            "covariance_at_origin",
             "unobservable",
             "hypotheses",
             "inlier_fraction",
@@ -256,7 +266,9 @@ fn the_json_has_every_field_of_the_contract() {
         }
         let computed = [
             "map_from_query",
+            "covariance",
             "covariance_at",
+            "covariance_at_origin",
             "inlier_fraction",
             "inlier_rmse",
             "error",

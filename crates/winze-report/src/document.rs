@@ -88,6 +88,8 @@ pub struct Document {
     map_from_query: Option<[[f64; 4]; 4]>,
     covariance: Option<[[f64; 6]; 6]>,
     covariance_at: Option<[f64; 3]>,
+    /// The same about where the pose puts the query's origin: what a message that holds a pose and its covariance wants.
+    covariance_at_origin: Option<[[f64; 6]; 6]>,
     unobservable: Option<Vec<Unobservable>>,
     information: Option<Information>,
     hypotheses: Vec<HypothesisRow>,
@@ -126,6 +128,10 @@ impl Document {
             map_from_query: outcome.map_from_query.as_ref().map(Pose::to_matrix),
             covariance: outcome.covariance,
             covariance_at: outcome.covariance_at,
+            covariance_at_origin: outcome.covariance().map(|c| {
+                let pose = outcome.map_from_query.unwrap_or_default();
+                c.about(pose.translation()).matrix
+            }),
             unobservable: outcome.unobservable.clone(),
             information: outcome.information,
             hypotheses: outcome

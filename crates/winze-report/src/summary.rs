@@ -36,6 +36,16 @@ pub fn summary(outcome: &Outcome, error: Option<&PoseDistance>) -> String {
             );
         }
     }
+    if let Some(covariance) = outcome.covariance() {
+        let [x, y, z, a, b, c] = std::array::from_fn(|i| covariance.matrix[i][i].sqrt());
+        let [a, b, c] = [a, b, c].map(f64::to_degrees);
+        line(
+            "uncertainty",
+            &format!(
+                "{x:.3} {y:.3} {z:.3} m along the map's axes, {a:.3}° {b:.3}° {c:.3}° about them (one standard deviation, there)"
+            ),
+        );
+    }
     if let Some(fraction) = outcome.inlier_fraction {
         let text = format!(
             "{:.2} % of the query within {} m of the {}{}",

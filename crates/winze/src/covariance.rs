@@ -10,7 +10,8 @@
 //! * **Sections are displaced**: each block's own best displacement is fitted to its residuals. Their common variance is carried over to the pose. A
 //!   few blocks tell it, since all of them, and all directions that their walls face, tell one number.
 //!
-//! What of the query is not in the map hangs on the rest by the query's own odometry, whose errors are added ([`OdometryConfig`]).
+//! What of the query is not in the map hangs on the rest by the query's own odometry, whose errors are added: those of odometry as one is used to it
+//! ([`OdometryConfig`]), or those of an arc that goes on as the query is seen to bend where it lies on the map, if that is more.
 //!
 //! Along a direction that the geometry leaves open ([`degeneracy`](crate::degeneracy)) residuals say nothing. There the pose is moved until the
 //! query no longer lies on the map, and the way is the uncertainty.
@@ -109,7 +110,8 @@ const FACING: f64 = 0.1;
 const FLOOR: f64 = 1e-6;
 
 /// The covariance of `map_from_query`, a pose at which `query` was fitted to `map` by point-to-plane residuals; `open` are the
-/// directions that its geometry leaves open. `None` where too little of the query lies on the map to tell.
+/// directions that its geometry leaves open, `beyond` is how far off the query's centroid its bend may leave the pose, metres, where that was
+/// measured ([`Relief::beyond`](crate::relief::Relief::beyond)). `None` where too little of the query lies on the map to tell.
 #[must_use]
 pub fn estimate(
     map: &Surface<'_>,
@@ -118,6 +120,7 @@ pub fn estimate(
     open: &[Unobservable],
     config: &VerifyConfig,
     odometry: &OdometryConfig,
+    beyond: Option<f64>,
 ) -> Option<Covariance> {
     let blocks = config.patch_size.metres(map.voxel);
     let residuals = Residuals::of(map, query, map_from_query, config);
@@ -133,8 +136,8 @@ pub fn estimate(
         .map(|c| scaled(&c.matrix, residuals.length))
         .reduce(|a, b| envelope(&a, &b))?;
     let mut matrix = scaled(&envelope, 1.0 / residuals.length);
-    let elsewhere = residuals.of_odometry(odometry).matrix;
-    for (row, more) in matrix.iter_mut().zip(elsewhere) {
+    let elsewhere = residuals.of_odometry(odometry, beyond.unwrap_or(0.0));
+    for (row, more) in matrix.iter_mut().zip(elsewhere.matrix) {
         for (v, more) in row.iter_mut().zip(more) {
             *v += more;
         }
@@ -201,12 +204,12 @@ impl Residuals {
         }
     }
 
-    /// What the odometry does to the part of the query that is not on the map.
+    /// What the odometry does to the part of the query that is not on the map, where a bend is seen to leave the centroid so many metres off.
     #[must_use]
-    pub fn of_odometry(&self, odometry: &OdometryConfig) -> Covariance {
+    pub fn of_odometry(&self, odometry: &OdometryConfig, beyond: f64) -> Covariance {
         let on_map: Vec<[f64; 3]> = self.rows.iter().map(|r| r.at).collect();
         Covariance {
-            matrix: extrapolate(&self.points, &on_map, self.centre, odometry),
+            matrix: extrapolate(&self.points, &on_map, self.centre, odometry, beyond),
             about: self.about,
         }
     }

@@ -86,12 +86,7 @@ impl Line {
     /// How far off the query's centroid the pose of the part on the map is, in units of how much that part is bent, root mean square, where
     /// the whole turns at one rate. 0 where all of it lies there.
     pub(crate) fn leverage(&self) -> f64 {
-        let across = self
-            .axis
-            .cross(&Vector3::ith(self.axis.iamin(), 1.0))
-            .normalize();
-        let push = across.cross(&self.axis);
-        let arc = self.motion(|way| (push * (way * way / 2.0), across * way));
+        let arc = self.arc();
         let [x, y, z, turn @ ..] = self.pose(&self.on_map, &arc);
         let (shift, turn) = (Vector3::new(x, y, z), Vector3::from(turn));
         let left = |i: usize| {
@@ -99,9 +94,22 @@ impl Line {
             self.on_map[i] * (arc[i].0 - rigid).norm_squared()
         };
         let bend = (0..SECTIONS).map(left).sum::<f64>().sqrt();
-        let [x, y, z, ..] = self.apart(&arc);
         // A part that is one section has no bend that could be seen.
-        Vector3::new(x, y, z).norm() / bend.max(f64::MIN_POSITIVE)
+        self.off_by_turning() / bend.max(f64::MIN_POSITIVE)
+    }
+
+    /// How far off the query's centroid the pose of the part on the map is, metres, where the whole turns by a radian a metre.
+    pub(crate) fn off_by_turning(&self) -> f64 {
+        let [x, y, z, ..] = self.apart(&self.arc());
+        Vector3::new(x, y, z).norm()
+    }
+
+    /// The line, turned by a radian a metre about some axis across it.
+    fn arc(&self) -> Motion {
+        let aside = Vector3::ith(self.axis.iamin(), 1.0);
+        let across = self.axis.cross(&aside).normalize();
+        let push = across.cross(&self.axis);
+        self.motion(|way| (push * (way * way / 2.0), across * way))
     }
 
     /// The middle of a section, from the query's centroid.

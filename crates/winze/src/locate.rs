@@ -10,6 +10,7 @@ use std::time::Instant;
 
 use crate::cloud::Cloud;
 use crate::config::{Config, IcpConfig, IcpMetric, MatchingConfig, VerifyConfig};
+use crate::covariance::{self, Covariance};
 use crate::error::{Error, Result};
 use crate::features::Features;
 use crate::judge::{Judgement, insufficient};
@@ -98,7 +99,7 @@ pub fn locate_in(
         );
         Attempt::refused(0.0, Judgement::refused(Verdict::Insufficient, reason))
     });
-    run.outcome(map, query.cloud(), best)
+    run.outcome(map, query, best)
 }
 
 /// What one voxel size gave.
@@ -335,7 +336,44 @@ impl Run<'_> {
             .collect())
     }
 
-    fn outcome(mut self, map: &mut KeptMap<'_>, query: &Cloud, best: Attempt) -> Result<Outcome> {
+    /// The covariance at the pose answered, about the query's centroid.
+    fn covariance(
+        &mut self,
+        map: &mut KeptMap<'_>,
+        query: &mut KeptQuery<'_>,
+        best: &Attempt,
+    ) -> Result<Option<Covariance>> {
+        let (Some(lead), Some(open)) = (best.ranked.first(), &best.judgement.unobservable) else {
+            return Ok(None);
+        };
+        let config = self.config;
+        let verify = self.verify_at(best.voxel);
+        let at = lead.map_from_query.transform(self.centroid);
+        let map = map.at(best.voxel, config)?;
+        let query = query.at(best.voxel, config);
+        Ok(self.stage("covariance", query.surface.points.len(), || {
+            let estimated = covariance::estimate(
+                &map.surface,
+                &query.surface,
+                &lead.map_from_query,
+                open,
+                &verify,
+                &config.odometry,
+                lead.relief.and_then(|r| r.beyond),
+            );
+            let n = usize::from(estimated.is_some());
+            (estimated.map(|c| c.about(at)), n)
+        }))
+    }
+
+    fn outcome(
+        mut self,
+        map: &mut KeptMap<'_>,
+        kept: &mut KeptQuery<'_>,
+        best: Attempt,
+    ) -> Result<Outcome> {
+        let covariance = self.covariance(map, kept, &best)?;
+        let query = kept.cloud();
         let verify = &self.config.verify;
         let pose = best.ranked.first().map(|c| c.map_from_query);
         let inliers = match pose {
@@ -357,8 +395,8 @@ impl Run<'_> {
             reason: best.judgement.reason,
             confidence: None,
             map_from_query: pose,
-            covariance: None,
-            covariance_at: pose.and_then(|p| query.centroid().map(|c| p.transform(c))),
+            covariance: covariance.map(|c| c.matrix),
+            covariance_at: pose.map(|p| p.transform(self.centroid)),
             unobservable: best.judgement.unobservable,
             information: best.judgement.information,
             hypotheses: best

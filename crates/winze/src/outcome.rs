@@ -1,5 +1,6 @@
 //! The answer.
 
+use crate::covariance::Covariance;
 use crate::degeneracy::Unobservable;
 use crate::icp::Information;
 use crate::pose::{Pose, PoseDistance};
@@ -93,7 +94,8 @@ pub struct Outcome {
     pub confidence: Option<f64>,
     /// The best pose found, whatever the verdict; takes query points to the map.
     pub map_from_query: Option<Pose>,
-    /// Covariance of a perturbation `[δt, δθ]` in map axes about `covariance_at`. Not computed yet.
+    /// [Covariance](crate::covariance) of a perturbation `[δt, δθ]` of the pose in map axes about `covariance_at`, m², m·rad and rad²; `None` where
+    /// too little of the query lies on the map to tell.
     pub covariance: Option<[[f64; 6]; 6]>,
     /// The query's centroid in the map at the pose, metres.
     pub covariance_at: Option<[f64; 3]>,
@@ -131,6 +133,15 @@ pub struct Outcome {
 }
 
 impl Outcome {
+    /// The covariance with the point that it is about, to be moved to another point or frame.
+    #[must_use]
+    pub fn covariance(&self) -> Option<Covariance> {
+        Some(Covariance {
+            matrix: self.covariance?,
+            about: self.covariance_at?,
+        })
+    }
+
     /// The pose error against a known truth: the displacement of the query's centroid and the
     /// angle. `None` without a pose.
     #[must_use]

@@ -226,7 +226,7 @@ impl Paper {
         let seeds = self.cells.iter().map(|c| c.seeds).max().unwrap_or(0);
         format!(
             "Medians over {seeds} seed{}, in brackets what the paper printed for its own clouds (its \"simulation mine\" is \
-             the coal wall here). `ndt+icp` starts from the identity and draws nothing at random: one run. The \
+             the coal wall here). `ndt+icp` starts from the identity; it and `auto` draw nothing at random: one run. The \
              ceiling is the same metric at the true pose. A seed without a pose counts as the worst there is. A refiner is \
              followed only where it gains more than noise gives; \
              `--set ndt.keep_better=false --set icp.keep_better=false` runs the paper's bare chains.",

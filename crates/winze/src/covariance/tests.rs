@@ -121,6 +121,7 @@ fn errors(draws: u64, spoil: &dyn Fn(&mut Rng, &mut Vec<[f64; 3]>)) -> [f64; 2] 
             &[],
             &config,
             &OdometryConfig::default(),
+            None,
         )
         .unwrap();
         let independent = Residuals::of(&map, &query, &pose, &config).independent();
@@ -184,6 +185,7 @@ fn an_open_direction_is_as_wide_as_the_tunnel_is_long() {
         &open,
         &config,
         &OdometryConfig::default(),
+        None,
     )
     .unwrap();
     let sigma: [f64; 3] = std::array::from_fn(|i| covariance.matrix[i][i].sqrt());
@@ -197,7 +199,15 @@ fn too_little_to_tell_is_told() {
     let map = surface(&drift(60_000, 20.0, 0.3, 0.01, 1), 0.2);
     let config = VerifyConfig::default();
     let away = Pose::from_translation([900.0, 0.0, 0.0]);
-    let none = estimate(&map, &map, &away, &[], &config, &OdometryConfig::default());
+    let none = estimate(
+        &map,
+        &map,
+        &away,
+        &[],
+        &config,
+        &OdometryConfig::default(),
+        None,
+    );
     assert_eq!(none, None);
     assert_eq!(
         Residuals::of(&map, &map, &away, &config).independent(),
@@ -210,7 +220,8 @@ fn too_little_to_tell_is_told() {
             &away,
             &[],
             &config,
-            &OdometryConfig::default()
+            &OdometryConfig::default(),
+            None,
         ),
         None
     );
@@ -239,7 +250,7 @@ fn what_is_not_on_the_map_hangs_on_the_rest_by_odometry() {
         scale: 0.01,
         ..none.clone()
     };
-    let longer = extrapolate(&all, &half, middle, &scale);
+    let longer = extrapolate(&all, &half, middle, &scale, 0.0);
     assert!((longer[0][0].sqrt() - 0.15).abs() < 0.003, "{longer:?}");
     assert!(longer[1][1] < 1e-9 && longer[5][5] < 1e-12, "{longer:?}");
     // Headings turn about the vertical: the query is off sideways, and its heading with it; nothing lifts it.
@@ -247,7 +258,7 @@ fn what_is_not_on_the_map_hangs_on_the_rest_by_odometry() {
         turn: 0.1,
         ..none.clone()
     };
-    let turned = extrapolate(&all, &half, middle, &turn);
+    let turned = extrapolate(&all, &half, middle, &turn, 0.0);
     // By hand, of a thin line: k/2 L² ((1-f)²/4 - f²/12 + 1/12) with f = ½, and k L (1 - f) / 2.
     let k = 0.1f64.to_radians();
     let (off, heading) = (k / 2.0 * 3600.0 * 0.125, k * 60.0 * 0.25);
@@ -260,13 +271,19 @@ fn what_is_not_on_the_map_hangs_on_the_rest_by_odometry() {
         "{turned:?} {heading}"
     );
     assert!(turned[2][2] < 1e-9 && turned[4][4] < 1e-12, "{turned:?}");
+    // A bend that is seen to leave the middle half a metre off does.
+    let seen = extrapolate(&all, &half, middle, &none, 0.5);
+    assert!(
+        (seen[1][1].sqrt() - 0.5).abs() < 0.01 && seen[2][2] < 1e-9,
+        "{seen:?}"
+    );
     // What walks goes any way.
     let walk = OdometryConfig { walk: 0.01, ..none };
-    let walked = extrapolate(&all, &half, middle, &walk);
+    let walked = extrapolate(&all, &half, middle, &walk, 0.0);
     assert!(
         (walked[1][1] / walked[2][2] - 1.0).abs() < 0.05,
         "{walked:?}"
     );
-    let all_of_it = extrapolate(&all, &all, middle, &OdometryConfig::default());
+    let all_of_it = extrapolate(&all, &all, middle, &OdometryConfig::default(), 0.3);
     assert!(all_of_it.iter().flatten().all(|v| v.abs() < 1e-18));
 }
