@@ -125,7 +125,9 @@ def main():
     args.add_argument("--families", nargs="+", help="only these")
     args.add_argument("--peers", nargs="+", default=["kiss-matcher", "open3d"])
     args.add_argument("--json", type=pathlib.Path)
-    args = args.parse_args()
+    parser, args = args, args.parse_args()
+    if args.scout is not None and args.scout < 1:
+        parser.error("--scout wants at least one query")
     peers = {"kiss-matcher": by_kiss, "open3d": by_open3d}
     o3d.utility.random.seed(0)
 

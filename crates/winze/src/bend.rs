@@ -188,7 +188,7 @@ pub fn follow(
     Some(Bent {
         map_from_query,
         bend: (square / f64::max(count, 1.0)).sqrt(),
-        beyond: line.leverage() * (strain * strain - noise * noise).max(0.0).sqrt(),
+        beyond: line.beyond((strain * strain - noise * noise).max(0.0).sqrt()),
         followed: count / all,
         poses: poses
             .filter_map(|(piece, pose)| Some((piece.cell, (*pose)?)))

@@ -42,7 +42,7 @@ impl Judgement {
     /// There was nothing to judge. Where something was known `beforehand` that poses must agree with, none that does was found.
     pub(crate) fn none_found(beforehand: bool) -> Self {
         let reason = if beforehand {
-            "no pose that agrees with the region or the attitude asked for has enough matching keypoints behind it"
+            "no pose was found that agrees with the region or the attitude asked for"
         } else {
             "no pose has enough matching keypoints behind it"
         };

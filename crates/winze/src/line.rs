@@ -7,6 +7,9 @@ use crate::symmetric::eigen;
 /// Sections of the line.
 pub(crate) const SECTIONS: usize = 32;
 
+/// Nobody's odometry turns by more than this, radians a metre.
+pub(crate) const MOST_TURNED: f64 = 0.05;
+
 /// How one kind of error moves and turns each section.
 pub(crate) type Motion = [(Vector3<f64>, Vector3<f64>); SECTIONS];
 
@@ -85,7 +88,7 @@ impl Line {
 
     /// How far off the query's centroid the pose of the part on the map is, in units of how much that part is bent, root mean square, where
     /// the whole turns at one rate. 0 where all of it lies there.
-    pub(crate) fn leverage(&self) -> f64 {
+    fn leverage(&self) -> f64 {
         let arc = self.arc();
         let [x, y, z, turn @ ..] = self.pose(&self.on_map, &arc);
         let (shift, turn) = (Vector3::new(x, y, z), Vector3::from(turn));
@@ -95,7 +98,17 @@ impl Line {
         };
         let bend = (0..SECTIONS).map(left).sum::<f64>().sqrt();
         // A part that is one section has no bend that could be seen.
-        self.off_by_turning() / bend.max(f64::MIN_POSITIVE)
+        self.off_by_turning() / bend.max(1e-9)
+    }
+
+    /// How far off the query's centroid the pose of the part on the map is, metres, where that part is bent by so much, root mean square, and
+    /// the rest bends on alike; as far as anybody's odometry turns.
+    pub(crate) fn beyond(&self, bend: f64) -> f64 {
+        if bend > 0.0 {
+            (self.leverage() * bend).min(self.off_by_turning() * MOST_TURNED)
+        } else {
+            0.0
+        }
     }
 
     /// How far off the query's centroid the pose of the part on the map is, metres, where the whole turns by a radian a metre.
@@ -158,6 +171,20 @@ mod tests {
             (0..20_000).map(at).collect()
         };
         Line::of(&points(60.0), &points(60.0 * share), [0.0; 3]).leverage()
+    }
+
+    #[test]
+    fn a_part_too_short_to_show_a_bend_may_hide_any() {
+        let all: Vec<[f64; 3]> = (0..1000).map(|i| [0.06 * f64::from(i), 0.0, 0.0]).collect();
+        let line = Line::of(&all, &all[..20], [30.0, 0.0, 0.0]);
+        assert_eq!(line.beyond(0.0), 0.0);
+        let off = line.beyond(0.01);
+        assert!(
+            off > 5.0 && off <= line.off_by_turning() * MOST_TURNED,
+            "{off}"
+        );
+        let one = Line::of(&all[..1], &all[..1], [0.0; 3]);
+        assert!(one.beyond(0.01) < 1e-9);
     }
 
     #[test]

@@ -170,6 +170,11 @@ impl Run<'_> {
         Some(chosen.into_iter().map(|i| voxels[i]).collect())
     }
 
+    /// How far off a pose that is yet to be refined may be, metres.
+    fn unrefined(&self, voxel: f64) -> f64 {
+        self.config.verify.first_look_distance.metres(voxel)
+    }
+
     /// Whether what is known beforehand allows a refined pose.
     pub(crate) fn plausible(&self, candidate: &Candidate) -> bool {
         let pose = &candidate.map_from_query;
@@ -195,7 +200,7 @@ impl Run<'_> {
         let points = limited.len();
         let region = request.near.map(|near| Region {
             near,
-            reach: near.reach(limited),
+            reach: near.reach(limited, self.centroid) + self.unrefined(voxel),
         });
         let query_at = self.stage("prepare query", points, || {
             let at = query.at(voxel, config);
@@ -236,8 +241,7 @@ impl Run<'_> {
         // Refinement may have led a pose away from what is known beforehand.
         candidates.retain(|c| self.plausible(c));
         if found > 0 && candidates.is_empty() {
-            let reason = "no pose found agrees with the region or the attitude asked for".into();
-            return Ok(Err(Judgement::refused(Verdict::NotFound, reason)));
+            return Ok(Err(Judgement::none_found(true)));
         }
         Ok(Ok(candidates))
     }
@@ -295,7 +299,7 @@ impl Run<'_> {
         let map_features = cut.as_ref().or(map.described()).unwrap_or(&nothing);
         let query_features = query.described().unwrap_or(&nothing);
         let request = self.request;
-        let unrefined = self.verify_at(voxel).first_look_distance.metres(voxel);
+        let unrefined = self.unrefined(voxel);
         let centroid = self.centroid;
         let plausible = |p: &Pose| request.plausible(p, centroid, unrefined);
         if request.method == Method::Auto {

@@ -95,7 +95,8 @@ pub struct Outcome {
     /// The best pose found, whatever the verdict; takes query points to the map.
     pub map_from_query: Option<Pose>,
     /// [Covariance](crate::covariance) of a perturbation `[δt, δθ]` of the pose in map axes about `covariance_at`, m², m·rad and rad²; `None` where
-    /// too little of the query lies on the map to tell.
+    /// the fit was too poor to ask, or too little of the query lies on the map to tell. Of an answer that a bent query's pieces gave, residuals are taken
+    /// at that one pose.
     pub covariance: Option<[[f64; 6]; 6]>,
     /// The query's centroid in the map at the pose, metres.
     pub covariance_at: Option<[f64; 3]>,

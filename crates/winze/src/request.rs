@@ -38,15 +38,16 @@ pub struct Near {
 }
 
 impl Near {
-    /// How far from the ball's centre a query's points can lie, metres.
-    pub(crate) fn reach(&self, query: &Cloud) -> f64 {
-        let size = query.bounds(0.0).map_or(0.0, |(low, high)| {
-            (0..3)
-                .map(|a| (high[a] - low[a]) * (high[a] - low[a]))
-                .sum::<f64>()
-                .sqrt()
+    /// How far from the ball's centre a query's points can lie, metres, where the ball holds that `centroid` of it.
+    pub(crate) fn reach(&self, query: &Cloud, centroid: [f64; 3]) -> f64 {
+        let furthest = query.bounds(0.0).map_or(0.0, |(low, high)| {
+            let corner = |a: usize| {
+                let (below, above) = (centroid[a] - low[a], high[a] - centroid[a]);
+                if below > above { low[a] } else { high[a] }
+            };
+            distance(centroid, std::array::from_fn(corner))
         });
-        self.radius + size
+        self.radius + furthest
     }
 
     fn holds(&self, p: [f64; 3], beyond: f64) -> bool {
@@ -69,5 +70,39 @@ impl Request<'_> {
             && self
                 .near
                 .is_none_or(|near| near.holds(pose.transform(centroid), unrefined))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_region_holds_the_centroid_and_lets_unrefined_poses_stray() {
+        let request = Request {
+            near: Some(Near {
+                centre: [10.0, 0.0, 0.0],
+                radius: 2.0,
+            }),
+            ..Request::default()
+        };
+        let pose = Pose::from_translation([10.0, 2.5, 0.0]);
+        assert!(!request.plausible(&pose, [0.0; 3], 0.0));
+        assert!(!request.plausible(&pose, [0.0; 3], 0.49));
+        assert!(request.plausible(&pose, [0.0; 3], 0.51));
+        assert!(request.plausible(&pose, [0.0, -0.6, 0.0], 0.0));
+        assert!(request.restricts() && !Request::default().restricts());
+    }
+
+    #[test]
+    fn a_region_reaches_as_far_as_the_query_from_its_centroid() {
+        let near = Near {
+            centre: [0.0; 3],
+            radius: 2.0,
+        };
+        let (query, _) = Cloud::from_points(&[[0.0; 3], [3.0, 4.0, 0.0]]).unwrap();
+        assert!((near.reach(&query, [0.0; 3]) - 7.0).abs() < 1e-6);
+        // The centroid of points that were left out may lie outside.
+        assert!((near.reach(&query, [-9.0, 4.0, 0.0]) - (2.0 + 160.0f64.sqrt())).abs() < 1e-6);
     }
 }

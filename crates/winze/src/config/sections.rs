@@ -296,7 +296,7 @@ section! {
         turn_walk: f64 = 0.02, Between(0.0, 90.0);
         /// Random walk of its position about each axis, metres after one metre.
         walk: f64 = 0.003, Between(0.0, 10.0);
-        /// How much of the turns also tilts: little where the SLAM knows gravity.
+        /// How much of the turns also tilts, away from the map's z: little where the SLAM knows gravity and z is up.
         tilt: f64 = 0.1, Between(0.0, 1.0);
     }
 }

@@ -9,12 +9,9 @@
 use nalgebra::Vector3;
 
 use crate::config::OdometryConfig;
-use crate::line::{Line, SECTIONS};
+use crate::line::{Line, MOST_TURNED, SECTIONS};
 
 use super::add_outer;
-
-/// Nobody's odometry turns by more than this, radians a metre.
-const MOST_TURNED: f64 = 0.05;
 
 /// The covariance, in axes of the map and about `centre`, of the pose of `all` points of a query against the pose of those `on_map`, where
 /// a bend is seen to put `beyond` metres between them at the centroid. Zero where all are on the map.
@@ -33,9 +30,8 @@ pub(super) fn extrapolate(
     let mut add = |motion: &dyn Fn(f64) -> (Vector3<f64>, Vector3<f64>)| {
         add_outer(&mut covariance, &line.apart(&line.motion(motion)));
     };
-    // The turn that would leave so much, if it is more than one expects.
-    let seen = beyond / line.off_by_turning().max(f64::MIN_POSITIVE);
-    let turn = seen.min(MOST_TURNED).max(odometry.turn.to_radians());
+    // The turn that would leave so much, about no one knows which axis.
+    let seen = (beyond / line.off_by_turning().max(f64::MIN_POSITIVE)).min(MOST_TURNED);
     let nothing = Vector3::zeros();
     // Steps that are all too long.
     add(&|way| (line.axis * (odometry.scale * way), nothing));
@@ -43,7 +39,7 @@ pub(super) fn extrapolate(
         let axis: Vector3<f64> = Vector3::ith(k, 1.0);
         // Gravity holds the tilt, nothing holds the heading.
         let held = if k == 2 { 1.0 } else { odometry.tilt };
-        let turning = axis * (held * turn);
+        let turning = axis * (held * odometry.turn.to_radians()).max(seen);
         add(&|way| (turning.cross(&line.axis) * (way * way / 2.0), turning * way));
         // Each step's own error acts on all that comes after it.
         let root = line.step.sqrt();

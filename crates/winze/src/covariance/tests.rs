@@ -273,16 +273,63 @@ fn what_is_not_on_the_map_hangs_on_the_rest_by_odometry() {
     assert!(turned[2][2] < 1e-9 && turned[4][4] < 1e-12, "{turned:?}");
     // A bend that is seen to leave the middle half a metre off does.
     let seen = extrapolate(&all, &half, middle, &none, 0.5);
+    for i in [1, 2] {
+        assert!((seen[i][i].sqrt() - 0.5).abs() < 0.01, "{seen:?}");
+    }
+    let tilting = OdometryConfig {
+        tilt: 0.5,
+        ..turn.clone()
+    };
+    let tilted = extrapolate(&all, &half, middle, &tilting, 0.0);
     assert!(
-        (seen[1][1].sqrt() - 0.5).abs() < 0.01 && seen[2][2] < 1e-9,
-        "{seen:?}"
+        (tilted[2][2] / turned[1][1] - 0.25).abs() < 0.01,
+        "{tilted:?}"
     );
-    // What walks goes any way.
-    let walk = OdometryConfig { walk: 0.01, ..none };
+    // What walks goes any way: by the covariance of a walk and of its integral, and what a mean and a fitted line make of them.
+    let weights = |length: f64, i: usize| -> (f64, f64) {
+        let s = 60.0 * (f64::from(u32::try_from(i).unwrap()) + 0.5) / 300.0;
+        let inside = if s < length {
+            300.0 * length / 60.0
+        } else {
+            f64::INFINITY
+        };
+        let middle = length / 2.0;
+        let sloped = (30.0 - middle) * (s - middle) / (length * length / 12.0);
+        (s, (1.0 + sloped) / inside)
+    };
+    let variance = |kernel: &dyn Fn(f64, f64) -> f64| -> f64 {
+        let apart = |i: usize| weights(60.0, i).1 - weights(30.0, i).1;
+        let pairs = (0..300).flat_map(|i| (0..300).map(move |j| (i, j)));
+        pairs
+            .map(|(i, j)| apart(i) * apart(j) * kernel(weights(60.0, i).0, weights(60.0, j).0))
+            .sum()
+    };
+    let walk = OdometryConfig {
+        walk: 0.01,
+        ..none.clone()
+    };
     let walked = extrapolate(&all, &half, middle, &walk, 0.0);
+    let expected = 1e-4 * variance(&f64::min);
+    for i in [1, 2] {
+        assert!(
+            (walked[i][i] / expected - 1.0).abs() < 0.1,
+            "{walked:?} {expected}"
+        );
+    }
+    let wander = OdometryConfig {
+        turn_walk: 0.2,
+        ..none
+    };
+    let wandered = extrapolate(&all, &half, middle, &wander, 0.0);
+    let integral = |s: f64, t: f64| {
+        let (less, more) = (s.min(t), s.max(t));
+        less * less * (3.0 * more - less) / 6.0
+    };
+    let rate = 0.2f64.to_radians();
+    let expected = rate * rate * variance(&integral);
     assert!(
-        (walked[1][1] / walked[2][2] - 1.0).abs() < 0.05,
-        "{walked:?}"
+        (wandered[1][1] / expected - 1.0).abs() < 0.1,
+        "{wandered:?} {expected}"
     );
     let all_of_it = extrapolate(&all, &all, middle, &OdometryConfig::default(), 0.3);
     assert!(all_of_it.iter().flatten().all(|v| v.abs() < 1e-18));
