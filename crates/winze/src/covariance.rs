@@ -16,13 +16,15 @@
 //! Along a direction that the geometry leaves open ([`degeneracy`](crate::degeneracy)) residuals say nothing. There the pose is moved until the
 //! query no longer lies on the map, and the way is the uncertainty.
 
+use rustc_hash::FxHashMap;
+
 use crate::config::{OdometryConfig, VerifyConfig};
 use crate::degeneracy::{DirectionKind, Unobservable};
 use crate::icp::{Row, Rows, rows};
 use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::symmetric::eigen;
-use crate::vec3::{distance, dot, scale, sub};
+use crate::vec3::{distance, dot, scale, sub, voxel_of};
 use crate::verify::fit;
 
 use extrapolate::extrapolate;
@@ -287,15 +289,28 @@ impl Residuals {
     /// narrower than that its whole section.
     fn blocks(&self, metres: f64) -> Vec<usize> {
         let mut middles: Vec<[f64; 3]> = Vec::new();
+        // Whatever is within a cell's size of a point lies in its cell or beside it.
+        let mut cells: FxHashMap<[i64; 3], Vec<usize>> = FxHashMap::default();
+        let around = |at: [f64; 3]| {
+            let [x, y, z] = voxel_of(at, metres);
+            let steps = |v: i64| [v.saturating_sub(1), v, v.saturating_add(1)];
+            let [x, y, z] = [x, y, z].map(steps);
+            let cells = x.into_iter().flat_map(move |x| y.map(|y| (x, y)));
+            cells.flat_map(move |(x, y)| z.map(|z| [x, y, z]))
+        };
         for row in &self.rows {
-            if middles.iter().all(|m| distance(*m, row.at) > metres) {
+            let mut near = around(row.at).filter_map(|c| cells.get(&c)).flatten();
+            if near.all(|&m| distance(middles[m], row.at) > metres) {
+                let cell = voxel_of(row.at, metres);
+                cells.entry(cell).or_default().push(middles.len());
                 middles.push(row.at);
             }
         }
         let nearest = |row: &Row| {
-            let away = middles.iter().map(|m| distance(*m, row.at)).enumerate();
-            away.min_by(|a, b| a.1.total_cmp(&b.1))
-                .map_or(0, |(i, _)| i)
+            let near = around(row.at).filter_map(|c| cells.get(&c)).flatten();
+            let away = near.map(|&m| (distance(middles[m], row.at), m));
+            away.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)))
+                .map_or(0, |(_, m)| m)
         };
         self.rows.iter().map(nearest).collect()
     }
