@@ -16,6 +16,7 @@
 //! Along a direction that the geometry leaves open ([`degeneracy`](crate::degeneracy)) residuals say nothing. There the pose is moved until the
 //! query no longer lies on the map, and the way is the uncertainty.
 
+use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
 use crate::config::{OdometryConfig, VerifyConfig};
@@ -126,14 +127,23 @@ pub fn estimate(
 ) -> Option<Covariance> {
     let blocks = config.patch_size.metres(map.voxel);
     let residuals = Residuals::of(map, query, map_from_query, config);
-    let patches = PATCHES
+    let sizes = PATCHES.map(|size| (true, size * blocks));
+    let sizes = sizes.into_iter();
+    let sizes: Vec<(bool, f64)> = sizes
+        .chain(SECTIONS.map(|size| (false, size * blocks)))
+        .collect();
+    let told: Vec<Option<Covariance>> = sizes
+        .par_iter()
+        .map(|&(patches, metres)| {
+            if patches {
+                residuals.of_patches(metres)
+            } else {
+                residuals.of_sections(metres)
+            }
+        })
+        .collect();
+    let envelope = told
         .iter()
-        .map(|size| residuals.of_patches(size * blocks));
-    let sections = SECTIONS
-        .iter()
-        .map(|size| residuals.of_sections(size * blocks));
-    let envelope = patches
-        .chain(sections)
         .flatten()
         .map(|c| scaled(&c.matrix, residuals.length))
         .reduce(|a, b| envelope(&a, &b))?;
