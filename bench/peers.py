@@ -117,15 +117,15 @@ def best_voxel(runs, peer, family):
 
 
 def main():
-    args = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    args.add_argument("cases", type=pathlib.Path)
-    args.add_argument("--count", type=int, default=30)
-    args.add_argument("--voxels", type=float, nargs="+", default=[0.2, 0.3, 0.5])
-    args.add_argument("--scout", type=int, help="ask only so many of a family at every voxel size")
-    args.add_argument("--families", nargs="+", help="only these")
-    args.add_argument("--peers", nargs="+", default=["kiss-matcher", "open3d"])
-    args.add_argument("--json", type=pathlib.Path)
-    parser, args = args, args.parse_args()
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("cases", type=pathlib.Path)
+    parser.add_argument("--count", type=int, default=30)
+    parser.add_argument("--voxels", type=float, nargs="+", default=[0.2, 0.3, 0.5])
+    parser.add_argument("--scout", type=int, help="ask only so many of a family at every voxel size")
+    parser.add_argument("--families", nargs="+", help="only these")
+    parser.add_argument("--peers", nargs="+", default=["kiss-matcher", "open3d"])
+    parser.add_argument("--json", type=pathlib.Path)
+    args = parser.parse_args()
     if args.scout is not None and args.scout < 1:
         parser.error("--scout wants at least one query")
     peers = {"kiss-matcher": by_kiss, "open3d": by_open3d}

@@ -7,7 +7,6 @@
 use rayon::prelude::*;
 use rustc_hash::{FxHashMap, FxHashSet};
 
-use crate::cloud::centroid;
 use crate::config::{IcpConfig, VerifyConfig};
 use crate::fit::fit_rigid;
 use crate::icp;
@@ -173,15 +172,9 @@ pub fn follow(
     // sideways face that way by half.
     let strain = (2.0 * across / f64::max(count, 1.0)).sqrt();
     let noise = NOISE * map.voxel;
-    let offsets = |points: &[[f32; 3]]| -> Vec<[f64; 3]> {
-        points.iter().map(|p| p.map(f64::from)).collect()
-    };
-    let whole = offsets(&query.points);
-    let part: Vec<[f64; 3]> = lying
-        .iter()
-        .flat_map(|&i| offsets(&pieces[i].surface.points))
-        .collect();
-    let line = Line::of(&whole, &part, centroid(&query.points)?);
+    let whole: Vec<[f64; 3]> = query_points(query).collect();
+    let part = lying.iter().flat_map(|&i| query_points(&pieces[i].surface));
+    let line = Line::of(&whole, &part.collect::<Vec<_>>(), query.centroid()?);
     #[expect(clippy::cast_precision_loss, reason = "a count")]
     let all = query.points.len().max(1) as f64;
     let poses = pieces.iter().zip(&poses);
@@ -198,7 +191,7 @@ pub fn follow(
 }
 
 /// The points of a piece, in the query's own frame.
-fn query_points<'a>(piece: &'a Surface<'static>) -> impl Iterator<Item = [f64; 3]> + Clone + 'a {
+fn query_points<'a>(piece: &'a Surface<'_>) -> impl Iterator<Item = [f64; 3]> + Clone + 'a {
     let origin = piece.origin;
     let at = move |p: &[f32; 3]| std::array::from_fn(|a| f64::from(p[a]) + origin[a]);
     piece.points.iter().map(at)

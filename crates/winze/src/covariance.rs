@@ -127,20 +127,11 @@ pub fn estimate(
 ) -> Option<Covariance> {
     let blocks = config.patch_size.metres(map.voxel);
     let residuals = Residuals::of(map, query, map_from_query, config);
-    let sizes = PATCHES.map(|size| (true, size * blocks));
-    let sizes = sizes.into_iter();
-    let sizes: Vec<(bool, f64)> = sizes
-        .chain(SECTIONS.map(|size| (false, size * blocks)))
-        .collect();
-    let told: Vec<Option<Covariance>> = sizes
-        .par_iter()
-        .map(|&(patches, metres)| {
-            if patches {
-                residuals.of_patches(metres)
-            } else {
-                residuals.of_sections(metres)
-            }
-        })
+    let patches = PATCHES.par_iter();
+    let sections = SECTIONS.par_iter();
+    let told: Vec<Option<Covariance>> = patches
+        .map(|size| residuals.of_patches(size * blocks))
+        .chain(sections.map(|size| residuals.of_sections(size * blocks)))
         .collect();
     let envelope = told
         .iter()
