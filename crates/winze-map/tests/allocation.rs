@@ -76,7 +76,7 @@ fn no_damaged_map_takes_more_memory_than_its_size() {
     assert_eq!(told, Ok(()));
     let mut most = (0, String::new());
     for number in 0..many {
-        let made = common::damaged(&sound, number);
+        let made = common::damage::damaged(&sound, number);
         // A new file each time, as one that is mapped must not change.
         std::fs::write(&at, &made.bytes).unwrap();
         let (bytes, told) = taken(&at);

@@ -9,7 +9,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-use common::{Damage, cheap, damaged, query, small_map};
+use common::damage::{Damage, Damaged, damaged};
+use common::{cheap, query, small_map};
 use rayon::prelude::*;
 use winze::locate::locate_in;
 use winze::{KeptMap, KeptQuery, Request};
@@ -73,7 +74,7 @@ fn damaged_maps_are_refused_or_answer_as_the_whole_one() {
 }
 
 fn meet(
-    made: &common::Damaged,
+    made: &Damaged,
     sound: &[u8],
     whole: &str,
     query: &mut KeptQuery<'_>,
