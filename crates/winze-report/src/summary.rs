@@ -36,6 +36,16 @@ pub fn summary(outcome: &Outcome, error: Option<&PoseDistance>) -> String {
             );
         }
     }
+    if let Some(confidence) = outcome.confidence {
+        // Rounded down: no more is said than was counted.
+        let percent = (1000.0 * confidence).floor() / 10.0;
+        line(
+            "confidence",
+            &format!(
+                "{percent:.1} % that the pose is right, of simulated answers with such evidence"
+            ),
+        );
+    }
     if let Some(covariance) = outcome.covariance() {
         let [x, y, z, a, b, c] = std::array::from_fn(|i| covariance.matrix[i][i].sqrt());
         let [a, b, c] = [a, b, c].map(f64::to_degrees);

@@ -21,7 +21,7 @@ use rustc_hash::FxHashMap;
 
 use crate::config::{OdometryConfig, VerifyConfig};
 use crate::degeneracy::{DirectionKind, Unobservable};
-use crate::icp::{Row, Rows, rows};
+use crate::icp::{Information, Row, Rows, rows};
 use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::symmetric::eigen;
@@ -160,6 +160,21 @@ pub fn estimate(
         );
     }
     Some(covariance)
+}
+
+/// The covariance were all residuals independent, `σ² H⁻¹`: what is commonly taken for the covariance of a registration, and far too small. For
+/// comparison. `None` where a direction is open.
+#[must_use]
+pub fn plain(information: &Information) -> Option<Covariance> {
+    let length = (0..3)
+        .map(|i| information.moments[i][i])
+        .sum::<f64>()
+        .sqrt();
+    let inverse = inverted_scaled(&information.matrix, length)?;
+    Some(Covariance {
+        matrix: inverse.map(|row| row.map(|v| v * information.residual_variance)),
+        about: information.about,
+    })
 }
 
 /// The residuals of a fit, and what they say by themselves.

@@ -66,6 +66,7 @@ pub mod base;
 pub mod bend;
 pub mod cloud;
 pub mod columns;
+pub mod confidence;
 pub mod config;
 pub mod covariance;
 pub mod degeneracy;

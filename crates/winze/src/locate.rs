@@ -9,6 +9,7 @@
 use std::time::Instant;
 
 use crate::cloud::Cloud;
+use crate::confidence::confidence;
 use crate::config::{Config, IcpConfig, IcpMetric, MatchingConfig, VerifyConfig};
 use crate::covariance::{self, Covariance};
 use crate::error::{Error, Result};
@@ -397,7 +398,15 @@ impl Run<'_> {
         Ok(Outcome {
             verdict: best.judgement.verdict,
             reason: best.judgement.reason,
-            confidence: None,
+            confidence: best.ranked.first().and_then(|lead| {
+                confidence(
+                    self.request.method,
+                    best.judgement.verdict,
+                    lead.relief,
+                    best.judgement.unobservable.is_some(),
+                    self.config,
+                )
+            }),
             map_from_query: pose,
             covariance: covariance.map(|c| c.matrix),
             covariance_at: pose.map(|p| p.transform(self.centroid)),

@@ -16,8 +16,9 @@ use anyhow::{Context as _, bail};
 use winze::Method;
 use winze_io::atomic;
 use winze_report::evaluation::{
-    CLOUDS, Evaluation, Labelled, Paper, accuracy, answers, costs, label_table, labels, step_table,
-    steps, summaries,
+    CLOUDS, Evaluation, Labelled, Paper, accuracy, answers, bin_table, calibration_table,
+    calibrations, costs, coverage_table, coverages, label_table, labels, step_table, steps,
+    summaries,
 };
 
 use crate::args::{Eval, Global};
@@ -106,6 +107,8 @@ pub(crate) fn run(args: &Eval, global: &Global) -> anyhow::Result<ExitCode> {
             bend_rms_m: c.bend_rms_m,
         })),
         summaries: summaries(&runs),
+        calibrations: calibrations(&runs),
+        coverages: coverages(&runs),
         steps: steps(&runs),
         costs,
         errors,
@@ -218,6 +221,11 @@ fn write(
     Ok(())
 }
 
+const CALIBRATION: &str = "Confidence, of every answer with a pose, against the share that was right; the Brier score is the mean square of what is \
+     between, the calibration error the mean over the bins.\n";
+const COVERAGE: &str = "Errors of the right poses located, in units of the covariance: mean and median square (6 where it is right), and the share of x, y, z, \
+     and of the angles about them, within one and two standard deviations (68 and 95 %); plain: of the inverse Hessian.\n";
+
 fn text(e: &Evaluation) -> String {
     let mut out = String::new();
     if let Some(paper) = &e.paper {
@@ -227,6 +235,19 @@ fn text(e: &Evaluation) -> String {
         let _ = writeln!(out, "{}", answers(&e.summaries).to_text());
         let _ = writeln!(out, "{}", accuracy(&e.summaries).to_text());
         out += "m and °: errors of right poses, across what is unobservable; all m: of every pose of a query in the map.\n";
+        let calibration = calibration_table(&e.calibrations);
+        if !calibration.is_empty() {
+            let _ = write!(
+                out,
+                "\n{}\n{}\n{CALIBRATION}",
+                bin_table(&e.calibrations).to_text(),
+                calibration.to_text()
+            );
+        }
+        let coverage = coverage_table(&e.coverages);
+        if !coverage.is_empty() {
+            let _ = write!(out, "\n{}\n{COVERAGE}", coverage.to_text());
+        }
         let steps = step_table(&e.steps);
         if !steps.is_empty() {
             let _ = write!(

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use winze::{Config, KeptMap, KeptQuery, Method, Outcome, Pose, Request, locate_in};
 use winze_io::{CloudFile, atomic};
 use winze_map::Map;
-use winze_report::evaluation::{Case as Truth, Inliers, MapCost, Run, mark};
+use winze_report::evaluation::{Case as Truth, Doubt, Inliers, MapCost, Run, mark};
 
 use super::cases::Case;
 use crate::locate::read;
@@ -195,6 +195,16 @@ fn judged(case: &Case, truth: &Truth, query: &CloudFile, outcome: &Outcome) -> R
         reason: outcome.reason.clone(),
         map_from_query: outcome.map_from_query.as_ref().map(Pose::to_matrix),
         mark: worth(outcome.map_from_query.as_ref()),
+        confidence: outcome.confidence,
+        patches: outcome
+            .hypotheses
+            .first()
+            .and_then(|h| h.relief)
+            .map(|r| [r.asked, r.confirmed]),
+        doubt: truth
+            .truth
+            .as_ref()
+            .and_then(|t| Doubt::of(outcome, t, centroid)),
         hypotheses: outcome.hypotheses.len(),
         truth_weighed: truth.truth.is_some().then(|| {
             let mut places = outcome.hypotheses.iter();

@@ -10,6 +10,8 @@
 //!   query; the one that does harm;
 //! * **refusal**: anything else: an answer was there to be had, and was not given.
 
+mod calibration;
+mod coverage;
 mod labels;
 mod mark;
 mod page;
@@ -19,6 +21,8 @@ mod steps;
 mod summary;
 mod tables;
 
+pub use calibration::{Bin, Calibration, calibrations};
+pub use coverage::{Coverage, Covered, Doubt, coverages};
 pub use labels::{Labelled, Labels, labels};
 pub use mark::{Case, Class, Direction, Mark, Tolerance, mark};
 pub use page::{Exhibit, evaluation_page};
@@ -26,7 +30,9 @@ pub use paper::{CLOUDS, Paper, PaperCell};
 pub use rates::{Quantiles, Rate, quantile};
 pub use steps::{Step, steps};
 pub use summary::{MapCost, MethodCost, Summary, summaries};
-pub use tables::{accuracy, answers, costs, label_table, step_table};
+pub use tables::{
+    accuracy, answers, bin_table, calibration_table, costs, coverage_table, label_table, step_table,
+};
 
 use serde::{Deserialize, Serialize};
 use winze::Verdict;
@@ -57,6 +63,15 @@ pub struct Run {
     pub map_from_query: Option<[[f64; 4]; 4]>,
     /// What that is worth.
     pub mark: Mark,
+    /// The probability that it is said to be right with.
+    #[serde(default)]
+    pub confidence: Option<f64>,
+    /// Patches of wall asked there whether it is the same rock, and those that say yes.
+    #[serde(default)]
+    pub patches: Option<[usize; 2]>,
+    /// Its error and its covariance, where there is a truth and a covariance.
+    #[serde(default)]
+    pub doubt: Option<Doubt>,
     /// Places weighed.
     pub hypotheses: usize,
     /// The truth is among them.
@@ -117,6 +132,10 @@ pub struct Evaluation {
     pub labels: Vec<Labels>,
     /// Rates and errors per method and family, and over all families (family null).
     pub summaries: Vec<Summary>,
+    /// Whether confidence means what it says, per method and family, and over all families (family null).
+    pub calibrations: Vec<Calibration>,
+    /// Whether the covariance covers the error, likewise.
+    pub coverages: Vec<Coverage>,
     /// What each refiner makes of right poses, where the methods before and after it were run.
     pub steps: Vec<Step>,
     /// Time on maps and memory, per method.
@@ -155,6 +174,9 @@ impl Run {
                 class: Class::Refusal,
                 ..worth
             },
+            confidence: None,
+            patches: None,
+            doubt: None,
             hypotheses: 0,
             truth_weighed: None,
             inliers: None,
@@ -195,6 +217,9 @@ pub(crate) mod tests {
             reason: String::new(),
             map_from_query: None,
             mark: Mark { class, ..mark },
+            confidence: None,
+            patches: None,
+            doubt: None,
             hypotheses: 1,
             truth_weighed: None,
             inliers: None,

@@ -5,7 +5,9 @@ use std::fmt::Write as _;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
-use super::tables::{accuracy, answers, costs, label_table, step_table};
+use super::tables::{
+    accuracy, answers, bin_table, calibration_table, costs, coverage_table, label_table, step_table,
+};
 use super::{Class, Evaluation, Run};
 use crate::page::{STYLE, escape};
 
@@ -65,6 +67,13 @@ pub fn evaluation_page(
         ),
         ("Answers", ANSWERS, answers(&e.summaries)),
         ("Accuracy and time", ACCURACY, accuracy(&e.summaries)),
+        ("Confidence in bins", CONFIDENCE, bin_table(&e.calibrations)),
+        (
+            "Confidence in scores",
+            SCORES,
+            calibration_table(&e.calibrations),
+        ),
+        ("Covariance", COVARIANCE, coverage_table(&e.coverages)),
         ("What each refiner does", STEPS, step_table(&e.steps)),
         (
             "Maps and memory",
@@ -108,6 +117,12 @@ const ANSWERS: &str = "Recall: located within the case's tolerance, of the cases
      does not hold the query. Refused: not answered though an answer was there to be had. Right: the right thing said. \
      Pose right: the best pose is within tolerance, whatever the verdict. Wilson 95 % intervals, which take runs as \
      independent.";
+const CONFIDENCE: &str = "Every answer with a pose, by the confidence that it was given with, and the share that was right. They agree where the mean \
+     confidence lies within the Wilson interval of that share.";
+const SCORES: &str = "Brier score: mean square difference of the confidence from what came true. Calibration error: mean difference of mean \
+     confidence and share right over the bins. Too sure: the most by which a bin's mean confidence lies above the interval.";
+const COVARIANCE: &str = "Errors of the right poses located, in units of the covariance: mean and median square (6 where it is right), and the share \
+     of x, y, z, and of the angles about them, within one and two standard deviations (68 and 95 %). Plain: by the inverse Hessian.";
 const STEPS: &str = "Right poses of the method before, in pairs of case and seed: nearer to the truth after the refiner or \
      further from it, by more than 2 mm across what is unobservable; right no more (lost), or only now (won).";
 const APART: &str =
@@ -168,6 +183,8 @@ mod tests {
             seeds: vec![0],
             labels: labels([]),
             summaries: summaries(&runs),
+            calibrations: Vec::new(),
+            coverages: Vec::new(),
             steps: steps(&runs),
             costs: Vec::new(),
             errors: Vec::new(),

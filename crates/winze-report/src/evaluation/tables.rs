@@ -1,5 +1,7 @@
 //! The tables that `winze eval` prints.
 
+use super::calibration::Calibration;
+use super::coverage::{Coverage, Covered};
 use super::labels::Labels;
 use super::rates::{Quantiles, Rate};
 use super::steps::Step;
@@ -116,6 +118,94 @@ pub fn step_table(steps: &[Step]) -> Table {
             decimal(s.median_after_m, 3),
             decimal(s.largest_loss.as_ref().map(|_| s.largest_loss_m), 3),
             s.largest_loss.clone().unwrap_or_else(|| "-".into()),
+        ]);
+    }
+    table
+}
+
+/// Whether confidence means what it says, per bin, over all families.
+#[must_use]
+pub fn bin_table(calibrations: &[Calibration]) -> Table {
+    let head = [
+        "method",
+        "confidence from",
+        "to",
+        "its mean",
+        "right % [95 %]",
+        "agrees",
+    ];
+    let mut table = Table::new(1, &head);
+    for c in calibrations.iter().filter(|c| c.family.is_none()) {
+        for b in &c.bins {
+            table.row(vec![
+                c.method.clone(),
+                decimal(Some(b.from), 2),
+                decimal(Some(b.to), 2),
+                decimal(Some(b.confidence), 4),
+                rate(&b.right),
+                if b.agrees() { "yes" } else { "no" }.into(),
+            ]);
+        }
+    }
+    table
+}
+
+/// Scores of the confidence.
+#[must_use]
+pub fn calibration_table(calibrations: &[Calibration]) -> Table {
+    let head = [
+        "method",
+        "family",
+        "answers",
+        "Brier score",
+        "calibration error",
+        "too sure by",
+    ];
+    let mut table = Table::new(2, &head);
+    for c in calibrations {
+        table.row(vec![
+            c.method.clone(),
+            family(c.family.as_deref()),
+            c.answers.to_string(),
+            decimal(Some(c.brier), 4),
+            decimal(Some(c.calibration_error), 4),
+            decimal(Some(c.overconfidence), 4),
+        ]);
+    }
+    table
+}
+
+/// Whether the covariance covers the error.
+#[must_use]
+pub fn coverage_table(coverages: &[Coverage]) -> Table {
+    let head = [
+        "method",
+        "family",
+        "located",
+        "mean square",
+        "median",
+        "within 1 σ %",
+        "within 2 σ %",
+        "plain: mean square",
+        "1 σ",
+        "2 σ",
+    ];
+    let mut table = Table::new(2, &head);
+    let each = |shares: [f64; 6]| shares.map(|s| format!("{:.0}", 100.0 * s)).join(" ");
+    let mean = |shares: [f64; 6]| 100.0 * shares.iter().sum::<f64>() / 6.0;
+    for c in coverages {
+        let plain = |get: &dyn Fn(&Covered) -> f64| c.plain.as_ref().map(get);
+        table.row(vec![
+            c.method.clone(),
+            family(c.family.as_deref()),
+            c.answers.to_string(),
+            decimal(Some(c.answered.mean_square), 1),
+            decimal(Some(c.answered.median_square), 1),
+            each(c.answered.within_one),
+            each(c.answered.within_two),
+            decimal(plain(&|p| p.mean_square), 0),
+            decimal(plain(&|p| mean(p.within_one)), 0),
+            decimal(plain(&|p| mean(p.within_two)), 0),
         ]);
     }
     table

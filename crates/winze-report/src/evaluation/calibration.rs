@@ -1,0 +1,195 @@
+//! Does confidence mean what it says? Answers in bins of the confidence they were given with, against the share that was right.
+
+use serde::Serialize;
+
+use super::Run;
+use super::mark::Class;
+use super::rates::Rate;
+use super::summary::distinct;
+use winze::Verdict;
+
+/// Lower ends of the bins of confidence. The upper ones are narrow: it is there that people act.
+const BINS: [f64; 8] = [0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.98, 0.99];
+
+/// Answers given with about the same confidence.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Bin {
+    /// Confidence from here
+    pub from: f64,
+    /// to here.
+    pub to: f64,
+    /// Its mean over the answers.
+    pub confidence: f64,
+    /// Of the answers, those that were right.
+    pub right: Rate,
+}
+
+impl Bin {
+    /// Whether the mean confidence lies within the interval of the share that was right.
+    #[must_use]
+    pub fn agrees(&self) -> bool {
+        let (low, high) = (self.right.low, self.right.high);
+        low.is_some_and(|low| low <= self.confidence)
+            && high.is_some_and(|high| self.confidence <= high)
+    }
+}
+
+/// One method's confidence on one family, or on all of them.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Calibration {
+    /// The method's name.
+    pub method: String,
+    /// The family; null for all together.
+    pub family: Option<String>,
+    /// Answers with a confidence.
+    pub answers: usize,
+    /// Mean square difference of confidence from what came true (1 or 0): Brier, "Verification of forecasts expressed in terms of probability", 1950.
+    pub brier: f64,
+    /// Mean over the bins, weighted by their answers, of the difference between mean confidence and share right (ECE).
+    pub calibration_error: f64,
+    /// The most by which a bin's mean confidence exceeds the upper end of the interval of its share right.
+    pub overconfidence: f64,
+    /// Those with answers.
+    pub bins: Vec<Bin>,
+}
+
+/// The confidence of a run, and whether it came true: located within tolerance, or, whatever else was answered, a pose within tolerance across
+/// the directions that the case leaves open.
+fn told(run: &Run) -> Option<(f64, bool)> {
+    let right = match run.verdict? {
+        Verdict::Located => run.mark.class == Class::Right,
+        _ => run.mark.pose_right,
+    };
+    Some((run.confidence?, right))
+}
+
+impl Calibration {
+    /// Of the runs given; `None` where none of them has a confidence.
+    #[must_use]
+    pub fn of(method: &str, family: Option<&str>, runs: &[&Run]) -> Option<Self> {
+        let told: Vec<(f64, bool)> = runs.iter().filter_map(|r| told(r)).collect();
+        if told.is_empty() {
+            return None;
+        }
+        #[expect(clippy::cast_precision_loss, reason = "counts")]
+        let mean = |values: &mut dyn Iterator<Item = f64>, n: usize| values.sum::<f64>() / n as f64;
+        let upper = BINS.iter().skip(1).copied().chain([1.0]);
+        let bins: Vec<Bin> = BINS
+            .iter()
+            .zip(upper)
+            .filter_map(|(&from, to)| {
+                // The last one is closed.
+                let within = |c: f64| from <= c && (c < to || to >= 1.0);
+                let own: Vec<&(f64, bool)> = told.iter().filter(|(c, _)| within(*c)).collect();
+                (!own.is_empty()).then(|| Bin {
+                    from,
+                    to,
+                    confidence: mean(&mut own.iter().map(|(c, _)| *c), own.len()),
+                    right: Rate::of(&own, |(_, right)| *right),
+                })
+            })
+            .collect();
+        let outcome = |right: bool| f64::from(u8::from(right));
+        let squares = &mut told.iter().map(|(c, r)| (c - outcome(*r)).powi(2));
+        #[expect(clippy::cast_precision_loss, reason = "counts")]
+        let gap = |b: &Bin| {
+            let share = b.right.share.unwrap_or_default();
+            (b.confidence - share).abs() * b.right.of as f64
+        };
+        let over = |b: &Bin| b.confidence - b.right.high.unwrap_or(1.0);
+        Some(Self {
+            method: method.to_owned(),
+            family: family.map(ToOwned::to_owned),
+            answers: told.len(),
+            brier: mean(squares, told.len()),
+            calibration_error: mean(&mut bins.iter().map(gap), told.len()),
+            overconfidence: bins.iter().map(over).fold(0.0, f64::max),
+            bins,
+        })
+    }
+}
+
+/// One for each method and family whose runs have a confidence, and for each method over all families.
+#[must_use]
+pub fn calibrations(runs: &[Run]) -> Vec<Calibration> {
+    by_family(runs, Calibration::of)
+}
+
+/// What `of` makes of each method's runs on each family, and of those on all of them.
+pub(super) fn by_family<T>(
+    runs: &[Run],
+    of: impl Fn(&str, Option<&str>, &[&Run]) -> Option<T>,
+) -> Vec<T> {
+    let mut out = Vec::new();
+    for method in distinct(runs.iter().map(|r| r.method.as_str())) {
+        let own: Vec<&Run> = runs.iter().filter(|r| r.method == method).collect();
+        let families = distinct(own.iter().map(|r| r.family.as_str()));
+        for family in families {
+            let both: Vec<&Run> = own.iter().filter(|r| r.family == family).copied().collect();
+            out.extend(of(method, Some(family), &both));
+        }
+        out.extend(of(method, None, &own));
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evaluation::{Mark, tests::run};
+
+    fn answered(confidence: f64, right: bool) -> Run {
+        let class = if right {
+            Class::Right
+        } else {
+            Class::WrongAccept
+        };
+        Run {
+            confidence: Some(confidence),
+            ..run("auto", "a", class, Mark::default())
+        }
+    }
+
+    #[test]
+    fn scores_by_hand() {
+        // Three of four right at 0.8, none of two at 0.25.
+        let mut runs: Vec<Run> = [true, true, true, false]
+            .map(|right| answered(0.8, right))
+            .to_vec();
+        runs.extend([answered(0.25, false), answered(0.25, false)]);
+        runs.push(run("auto", "a", Class::Right, Mark::default()));
+        let all = calibrations(&runs);
+        assert_eq!(all.len(), 2, "the family, and all of them");
+        let c = &all[1];
+        assert_eq!((c.answers, c.bins.len()), (6, 2));
+        let brier = (3.0 * 0.04 + 0.64 + 2.0 * 0.0625) / 6.0;
+        assert!((c.brier - brier).abs() < 1e-12);
+        let error = (4.0 * 0.05 + 2.0 * 0.25) / 6.0;
+        assert!((c.calibration_error - error).abs() < 1e-12);
+        assert!(c.bins.iter().all(Bin::agrees), "{c:?}");
+        assert_eq!(c.overconfidence, 0.0);
+    }
+
+    #[test]
+    fn too_sure_is_seen() {
+        let runs: Vec<Run> = (0..100).map(|i| answered(0.999, i % 10 > 0)).collect();
+        let c = &calibrations(&runs)[0];
+        assert!(!c.bins[0].agrees());
+        assert!(c.overconfidence > 0.04, "{c:?}");
+        assert!((c.calibration_error - 0.099).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_pose_counts_whatever_the_verdict() {
+        let mark = Mark {
+            pose_right: true,
+            ..Mark::default()
+        };
+        let mut refused = run("auto", "a", Class::Refusal, mark);
+        refused.verdict = Some(Verdict::NotFound);
+        refused.confidence = Some(1.0);
+        let c = &calibrations(&[refused])[0];
+        assert_eq!((c.bins[0].right.count, c.brier), (1, 0.0));
+        assert!(calibrations(&[run("auto", "a", Class::Right, mark)]).is_empty());
+    }
+}
