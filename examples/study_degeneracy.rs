@@ -63,12 +63,7 @@ impl Tunnel {
                 let turn = rng.range(0.0, PI);
                 let k = TAU / wavelength;
                 let share = wavelength / 6.0;
-                [
-                    k * turn.cos(),
-                    k * turn.sin(),
-                    rng.range(0.0, TAU),
-                    share,
-                ]
+                [k * turn.cos(), k * turn.sin(), rng.range(0.0, TAU), share]
             })
             .collect();
         Self {
