@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use common::Result;
-use winze::config::{IcpConfig, IcpMetric};
+use winze::config::{IcpConfig, IcpMetric, OdometryConfig};
 use winze::covariance::{Covariance, PATCHES, Residuals, SECTIONS, estimate, perturbation};
 use winze::degeneracy::{Unobservable, directions};
 use winze::icp::information;
@@ -126,6 +126,16 @@ fn main() -> Result<()> {
                 Some(residuals.of_odometry(&config.odometry, 0.0)),
             ),
         ];
+        for map_off in [0.0, 0.005, 0.015, 0.02] {
+            let odometry = OdometryConfig {
+                map: map_off,
+                ..config.odometry.clone()
+            };
+            all.push((
+                format!("5 answered, were the map off by {map_off}"),
+                estimate(map, &query, &pose, &open, &verify, &odometry, beyond),
+            ));
+        }
         for size in PATCHES {
             all.push((
                 format!("2 patches {size}"),

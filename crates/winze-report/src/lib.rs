@@ -27,4 +27,7 @@ pub enum Error {
     /// The PNG encoder refused.
     #[error("cannot encode the picture: {0}")]
     Png(#[from] png::EncodingError),
+    /// The plotting library refused.
+    #[error("cannot draw the diagram: {0}")]
+    Plot(String),
 }

@@ -7,8 +7,11 @@
 //!
 //! * **Patches err together**: each block's pull on the pose, `s = Σ Jᵀr`, counts as one observation, which gives the covariance
 //!   `H⁻¹ (Σ s sᵀ) H⁻¹` (the cluster-robust sandwich: White 1980, Liang & Zeger 1986). It needs many blocks.
-//! * **Sections are displaced**: each block's own best displacement is fitted to its residuals. Their common variance is carried over to the pose. A
-//!   few blocks tell it, since all of them, and all directions that their walls face, tell one number.
+//! * **Sections are displaced**: each block's own best displacement is fitted to its residuals. Their variance, one for level displacements and one for
+//!   upright ones, which gravity holds, is carried over to the pose. A few blocks tell it, since all of them tell two numbers.
+//!
+//! The map was made by an odometry too, and may be off around the query as a whole, which no residual shows: that much is added
+//! ([`OdometryConfig::map`]).
 //!
 //! What of the query is not in the map hangs on the rest by the query's own odometry, whose errors are added: those of odometry as one is used to it
 //! ([`OdometryConfig`]), or those of an arc that goes on as the query is seen to bend where it lies on the map, if that is more.
@@ -105,8 +108,8 @@ pub const PATCHES: [f64; 3] = [0.5, 1.0, 2.0];
 const FEWEST: usize = 15;
 /// Sizes of blocks that are displaced as one, in patches of wall.
 pub const SECTIONS: [f64; 4] = [1.0, 2.0, 4.0, 8.0];
-/// Displacements, counted by their directions, that must be left once the pose has taken its six.
-const LEFT: usize = 6;
+/// Upward part of a direction above which it counts as upright.
+const UPRIGHT: f64 = 0.7;
 /// Share of a block's normals that must face a direction for its displacement along it to count.
 const FACING: f64 = 0.1;
 /// Smallest curvature, as a share of the largest, that resists.
@@ -140,9 +143,12 @@ pub fn estimate(
         .reduce(|a, b| envelope(&a, &b))?;
     let mut matrix = scaled(&envelope, 1.0 / residuals.length);
     let elsewhere = residuals.of_odometry(odometry, beyond.unwrap_or(0.0));
-    for (row, more) in matrix.iter_mut().zip(elsewhere.matrix) {
-        for (v, more) in row.iter_mut().zip(more) {
-            *v += more;
+    let map_itself = residuals.of_map(odometry);
+    for more in [elsewhere, map_itself] {
+        for (row, more) in matrix.iter_mut().zip(more.matrix) {
+            for (v, more) in row.iter_mut().zip(more) {
+                *v += more;
+            }
         }
     }
     let mut covariance = Covariance {
@@ -232,6 +238,26 @@ impl Residuals {
         }
     }
 
+    /// How far off the map itself may be around the query, as a whole: it was made by an odometry too. No residual shows that.
+    #[must_use]
+    pub fn of_map(&self, odometry: &OdometryConfig) -> Covariance {
+        let mut matrix = [[0.0; 6]; 6];
+        for axis in 0..3 {
+            // Gravity holds what is upright and the tilt.
+            let held = |free: bool| if free { 1.0 } else { odometry.tilt };
+            let (off, turned) = (
+                held(axis < 2) * odometry.map,
+                held(axis == 2) * odometry.map / self.length.max(f64::MIN_POSITIVE),
+            );
+            matrix[axis][axis] = off * off;
+            matrix[axis + 3][axis + 3] = turned * turned;
+        }
+        Covariance {
+            matrix,
+            about: self.about,
+        }
+    }
+
     /// The covariance were all points independent, as a plain inverse Hessian has it: for comparison.
     #[must_use]
     pub fn independent(&self) -> Option<Covariance> {
@@ -277,19 +303,17 @@ impl Residuals {
         for (row, block) in self.rows.iter().zip(block_of) {
             sections[block].add(row);
         }
-        let (mut square, mut told, mut meat) = (0.0, 0, [[0.0; 6]; 6]);
+        let displaced: Vec<[(f64, usize); 2]> = sections.iter().map(Section::displaced).collect();
+        let variances = variances(&displaced)?;
+        let mut meat = [[0.0; 6]; 6];
         for section in &sections {
-            let (s, n) = section.displaced();
-            square += s;
-            told += n;
             for axis in 0..3 {
-                add_outer(&mut meat, &section.lever.map(|row| row[axis]));
+                let variance = variances[usize::from(axis == 2)];
+                let pull = section.lever.map(|row| row[axis] * variance.sqrt());
+                add_outer(&mut meat, &pull);
             }
         }
-        let left = told.checked_sub(6).filter(|left| *left >= LEFT)?;
-        #[expect(clippy::cast_precision_loss, reason = "a count")]
-        let variance = square / left as f64;
-        self.of_pulls(&meat, variance)
+        self.of_pulls(&meat, 1.0)
     }
 
     /// `H⁻¹ m H⁻¹`, times a factor.
@@ -361,16 +385,39 @@ impl Section {
         self.rows += 1;
     }
 
-    /// Sum of the squares of its best displacement along the directions that tell it, and how many those are.
-    fn displaced(&self) -> (f64, usize) {
+    /// Sum of the squares of its best displacement along the directions that tell it, and how many those are: the level ones, then the upright
+    /// ones.
+    fn displaced(&self) -> [(f64, usize); 2] {
         let e = eigen(self.facing);
         #[expect(clippy::cast_precision_loss, reason = "a count")]
         let least = FACING * self.rows as f64;
         let told = e.values.iter().zip(&e.vectors).filter(|(v, _)| **v > least);
-        told.fold((0.0, 0), |(square, count), (value, vector)| {
+        told.fold([(0.0, 0); 2], |mut sums, (value, vector)| {
             let along = dot(*vector, self.off) / value;
-            (square + along * along, count + 1)
+            let (square, count) = &mut sums[usize::from(vector[2].abs() > UPRIGHT)];
+            *square += along * along;
+            *count += 1;
+            sums
         })
+    }
+}
+
+/// The variances of level and of upright displacements, of which the pose takes three each: gravity holds what is upright. One for both where
+/// there are too few of either; `None` where there are too few of them together.
+fn variances(sections: &[[(f64, usize); 2]]) -> Option<[f64; 2]> {
+    let sum = |kind: usize| {
+        let own = sections.iter().map(|s| s[kind]);
+        own.fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1))
+    };
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let variance = |(square, told): (f64, usize), taken: usize| {
+        let left = told.checked_sub(taken).filter(|left| *left >= taken)?;
+        Some(square / left as f64)
+    };
+    let (level, upright) = (sum(0), sum(1));
+    match (variance(level, 3), variance(upright, 3)) {
+        (Some(level), Some(upright)) => Some([level, upright]),
+        _ => variance((level.0 + upright.0, level.1 + upright.1), 6).map(|both| [both; 2]),
     }
 }
 

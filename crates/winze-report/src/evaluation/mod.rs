@@ -17,6 +17,7 @@ mod mark;
 mod page;
 mod paper;
 mod rates;
+mod reliability;
 mod steps;
 mod summary;
 mod tables;
@@ -28,6 +29,7 @@ pub use mark::{Case, Class, Direction, Mark, Tolerance, mark};
 pub use page::{Exhibit, evaluation_page};
 pub use paper::{CLOUDS, Paper, PaperCell};
 pub use rates::{Quantiles, Rate, quantile};
+pub use reliability::reliability;
 pub use steps::{Step, steps};
 pub use summary::{MapCost, MethodCost, Summary, summaries};
 pub use tables::{

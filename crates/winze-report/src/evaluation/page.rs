@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 
+use super::reliability::reliability;
 use super::tables::{
     accuracy, answers, bin_table, calibration_table, costs, coverage_table, label_table, step_table,
 };
@@ -86,6 +87,15 @@ pub fn evaluation_page(
             continue;
         }
         let _ = write!(out, "<h2>{title}</h2><p>{note}</p>{}", table.to_html());
+    }
+    for c in e.calibrations.iter().filter(|c| c.family.is_none()) {
+        if let Ok(svg) = reliability(c) {
+            let _ = write!(
+                out,
+                "<figure><figcaption>Confidence of <b>{}</b> against the share that was right</figcaption>{svg}</figure>",
+                escape(&c.method)
+            );
+        }
     }
     if !e.errors.is_empty() {
         out += "<h2>Cases without an answer</h2><ul>";

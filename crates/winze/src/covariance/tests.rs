@@ -120,7 +120,11 @@ fn errors(draws: u64, spoil: &dyn Fn(&mut Rng, &mut Vec<[f64; 3]>)) -> [f64; 2] 
             &pose,
             &[],
             &config,
-            &OdometryConfig::default(),
+            // The map and the truth are one world.
+            &OdometryConfig {
+                map: 0.0,
+                ..OdometryConfig::default()
+            },
             None,
         )
         .unwrap();
@@ -228,6 +232,36 @@ fn too_little_to_tell_is_told() {
 }
 
 #[test]
+fn displacements_by_hand() {
+    // Four sections off by 2 cm in each of two level directions and by 1 mm upright: 8 level and 4 upright, of which three each are the pose's.
+    let section = [(2.0 * 4e-4, 2), (1e-6, 1)];
+    let close = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-9;
+    let apart = variances(&[section; 6]).unwrap();
+    assert!(close(apart[0], 12.0 * 4e-4 / 9.0) && close(apart[1], 6e-6 / 3.0));
+    // Too few upright ones: one number for both.
+    let both = variances(&[section; 4]).unwrap();
+    assert!(close(both[0], (8.0 * 4e-4 + 4e-6) / 6.0) && both[0] == both[1]);
+    assert_eq!(variances(&[section; 3]), None);
+}
+
+#[test]
+fn the_map_s_own_error_is_level() {
+    let points = drift(20_000, 20.0, 0.3, 0.01, 1);
+    let map = surface(&points, 0.2);
+    let residuals = Residuals::of(&map, &map, &Pose::identity(), &VerifyConfig::default());
+    let odometry = OdometryConfig {
+        map: 0.02,
+        ..OdometryConfig::default()
+    };
+    let sigma = residuals.of_map(&odometry).matrix;
+    let of = |i: usize| sigma[i][i].sqrt();
+    assert!((of(0) - 0.02).abs() < 1e-12 && (of(2) - 0.002).abs() < 1e-12);
+    // Root mean square distance from the middle of 20 m of drift: about 6 m.
+    assert!((of(5) * 6.0 - 0.02).abs() < 0.002, "{}", of(5));
+    assert!((of(3) - 0.1 * of(5)).abs() < 1e-12);
+}
+
+#[test]
 fn what_is_not_on_the_map_hangs_on_the_rest_by_odometry() {
     let points = |length: f64| -> Vec<[f64; 3]> {
         let at = |i: u32| {
@@ -242,6 +276,7 @@ fn what_is_not_on_the_map_hangs_on_the_rest_by_odometry() {
         turn: 0.0,
         turn_walk: 0.0,
         walk: 0.0,
+        map: 0.0,
         tilt: 0.0,
     };
     let (all, half, middle) = (points(60.0), points(30.0), [30.0, 0.0, 0.0]);
