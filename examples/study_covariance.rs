@@ -1,6 +1,6 @@
 //! Does the covariance cover the error? True errors of the located queries of a folder of `winze sim`, in units of several covariances.
 //!
-//! Prints, for each family and covariance: queries, the mean squared error in its units (6 where it is right), and the share of the errors' components
+//! Prints, for each family, of the covariance answered and of the plain inverse Hessian (with `--each` of every part and of other errors of the map too): queries, the mean squared error in its units (6 where it is right), and the share of the errors' components
 //! within one and two standard deviations (68 and 95 % where it is right).
 //!
 //! ```sh
@@ -53,7 +53,8 @@ fn pose_of(value: &serde_json::Value) -> Result<Pose> {
 }
 
 fn main() -> Result<()> {
-    let usage = "usage: study_covariance FOLDER EVALUATION.json";
+    let usage = "usage: study_covariance FOLDER EVALUATION.json [--each]";
+    let each = std::env::args().nth(3).is_some_and(|a| a == "--each");
     let folder = std::env::args().nth(1).ok_or(usage)?;
     let evaluation = std::env::args().nth(2).ok_or(usage)?;
     let folder = Path::new(&folder);
@@ -121,32 +122,30 @@ fn main() -> Result<()> {
                 estimate(map, &query, &pose, &open, &verify, &config.odometry, beyond),
             ),
             ("1 independent".to_owned(), residuals.independent()),
-            (
-                "4 odometry alone".to_owned(),
-                Some(residuals.of_odometry(&config.odometry, 0.0)),
-            ),
         ];
-        for map_off in [0.0, 0.005, 0.015, 0.02] {
-            let odometry = OdometryConfig {
-                map: map_off,
-                ..config.odometry.clone()
-            };
-            all.push((
-                format!("5 answered, were the map off by {map_off}"),
-                estimate(map, &query, &pose, &open, &verify, &odometry, beyond),
-            ));
-        }
-        for size in PATCHES {
-            all.push((
-                format!("2 patches {size}"),
-                residuals.of_patches(size * patch),
-            ));
-        }
-        for size in SECTIONS {
-            all.push((
-                format!("3 sections {size}"),
-                residuals.of_sections(size * patch),
-            ));
+        if each {
+            for map_off in [0.0, 0.005, 0.015, 0.02] {
+                let odometry = OdometryConfig {
+                    map: map_off,
+                    ..config.odometry.clone()
+                };
+                all.push((
+                    format!("5 answered, were the map off by {map_off}"),
+                    estimate(map, &query, &pose, &open, &verify, &odometry, beyond),
+                ));
+            }
+            let patches = PATCHES.map(|size| {
+                let told = residuals.of_patches(size * patch);
+                (format!("2 patches {size}"), told)
+            });
+            let sections = SECTIONS.map(|size| {
+                let told = residuals.of_sections(size * patch);
+                (format!("3 sections {size}"), told)
+            });
+            let odometry = residuals.of_odometry(&config.odometry, 0.0);
+            all.push(("4 odometry alone".to_owned(), Some(odometry)));
+            all.extend(patches);
+            all.extend(sections);
         }
         let family = run["family"].as_str().unwrap_or_default();
         for (kind, covariance) in all {
