@@ -17,7 +17,9 @@ use std::path::Path;
 
 use common::Result;
 use winze::config::{IcpConfig, IcpMetric, OdometryConfig};
-use winze::covariance::{Covariance, PATCHES, Residuals, SECTIONS, estimate, perturbation};
+use winze::covariance::{
+    Covariance, PATCHES, Residuals, SECTIONS, estimate, inverse_hessian, perturbation,
+};
 use winze::degeneracy::{Unobservable, directions};
 use winze::icp::information;
 use winze::prepare::{Surface, prepare};
@@ -121,7 +123,7 @@ fn main() -> Result<()> {
                 "0 answered".to_owned(),
                 estimate(map, &query, &pose, &open, &verify, &config.odometry, beyond),
             ),
-            ("1 independent".to_owned(), residuals.independent()),
+            ("1 inverse Hessian".to_owned(), inverse_hessian(&told)),
         ];
         if each {
             for map_off in [0.0, 0.005, 0.015, 0.02] {

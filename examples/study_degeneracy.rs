@@ -1,8 +1,8 @@
 //! Are the directions that an answer calls open the tunnel's own? Tunnels of every bareness, from blank to junction.
 //!
 //! Each tunnel has its own size, heading, slope and walls. A map and a query are drawn on it apart, the query is laid on the map
-//! within 10 cm and half a degree of the truth, refined and judged as `locate` does it, and what the verdict calls open is held against the tunnel's axis.
-//! Prints the table of `docs/verdicts.md`.
+//! within 10 cm and half a degree of the truth, refined, asked and judged by the functions that `locate` calls (at one voxel size, with no other place to
+//! weigh), and what the verdict calls open is held against the tunnel's axis. Prints the table of `docs/verdicts.md`.
 //!
 //! ```sh
 //! cargo run --release --example study_degeneracy
@@ -40,11 +40,14 @@ enum Kind {
     Drift(f64),
     /// A pipe, blank.
     Round,
-    /// A blank drift with a niche of 2 m in one wall.
+    /// A blank drift with a niche in one wall, 2 m wide and 1 m deep.
     Niche,
     /// A blank drift that another one crosses.
     Junction,
 }
+
+/// A point of a wall, and the way out of the rock there.
+type Spot = [[f64; 3]; 2];
 
 /// A tunnel along x, the floor at z = 0.
 struct Tunnel {
@@ -82,7 +85,7 @@ impl Tunnel {
     }
 
     /// A spot of the wall and the way out of the rock there, drawn evenly enough.
-    fn spot(&self, along: [f64; 2], rng: &mut Rng) -> [[f64; 3]; 2] {
+    fn spot(&self, along: [f64; 2], rng: &mut Rng) -> Spot {
         let x = rng.range(along[0], along[1]);
         let spring = 0.6 * self.height;
         if self.kind == Kind::Round {
@@ -128,46 +131,85 @@ impl Tunnel {
     /// Points on its walls from x = `along[0]` to `along[1]`, the middle of the query at 0.
     fn points(&self, along: [f64; 2], density: f64, noise: f64, rng: &mut Rng) -> Vec<[f64; 3]> {
         let around = 2.0 * (self.width + self.height);
-        let mut points = Vec::new();
-        let mut draw =
-            |along: [f64; 2], rng: &mut Rng, place: &dyn Fn([f64; 3]) -> Option<[f64; 3]>| {
-                #[expect(
-                    clippy::cast_possible_truncation,
-                    clippy::cast_sign_loss,
-                    reason = "a count"
-                )]
-                let n = (density * around * (along[1] - along[0])) as usize;
-                for _ in 0..n {
-                    let [at, out] = self.spot(along, rng);
-                    let off = noise * rng.normal();
-                    if let Some(at) = place(at) {
-                        points.push(std::array::from_fn(|a| at[a] + off * out[a]));
-                    }
-                }
-            };
-        let inside = |across: f64, z: f64| z > 0.01 && across.abs() < self.half(z) - 0.01;
+        let count = |square_metres: f64| -> usize {
+            #[expect(
+                clippy::cast_possible_truncation,
+                clippy::cast_sign_loss,
+                reason = "a count"
+            )]
+            let n = (density * square_metres) as usize;
+            n
+        };
+        let own = count(around * (along[1] - along[0]));
+        let mut spots: Vec<Spot> = (0..own).map(|_| self.spot(along, rng)).collect();
+        let inside = |across: f64, z: f64| z > 0.0 && across.abs() < self.half(z);
         match self.kind {
             Kind::Junction => {
-                // Where one is inside the other there is no wall.
-                draw(along, rng, &|p| (!inside(p[0], p[2])).then_some(p));
-                draw([-10.0, 10.0], rng, &|p| {
-                    let turned = [-p[1], p[0], p[2]];
-                    (p[2] <= 0.01 || !inside(turned[1], turned[2])).then_some(turned)
-                });
+                // Where one drift is inside the other there is no wall.
+                spots.retain(|[at, _]| !inside(at[0], at[2]));
+                let reach = [-10.0, 10.0];
+                for _ in 0..count(around * 20.0) {
+                    let turned = self.spot(reach, rng).map(|[x, y, z]| [-y, x, z]);
+                    if !inside(turned[0][1], turned[0][2]) {
+                        spots.push(turned);
+                    }
+                }
             }
-            Kind::Niche => draw(along, rng, &|p| {
-                let wall = p[1] > 0.45 * self.width && (3.0..5.0).contains(&p[0]);
-                Some([p[0], p[1] + f64::from(u8::from(wall)), p[2]])
-            }),
-            Kind::Drift(_) | Kind::Round => draw(along, rng, &|p| Some(p)),
+            Kind::Niche => {
+                let (half, [from, to], high, deep) = (0.5 * self.width, [3.0, 5.0], 1.8, 1.0);
+                let open =
+                    |at: &[f64; 3]| at[1] >= half && (from..to).contains(&at[0]) && at[2] < high;
+                spots.retain(|[at, _]| !open(at));
+                let mut face = |area: f64, spot: &dyn Fn(f64, f64) -> Spot, rng: &mut Rng| {
+                    for _ in 0..count(area) {
+                        let (u, v) = (rng.range(0.0, 1.0), rng.range(0.0, 1.0));
+                        spots.push(spot(u, v));
+                    }
+                };
+                let long = to - from;
+                let x = |u: f64| from + u * long;
+                face(
+                    long * high,
+                    &|u, v| [[x(u), half + deep, v * high], [0.0, -1.0, 0.0]],
+                    rng,
+                );
+                face(
+                    long * deep,
+                    &|u, v| [[x(u), half + v * deep, 0.0], [0.0, 0.0, 1.0]],
+                    rng,
+                );
+                face(
+                    long * deep,
+                    &|u, v| [[x(u), half + v * deep, high], [0.0, 0.0, -1.0]],
+                    rng,
+                );
+                // The two that a slide along the drift runs against.
+                face(
+                    deep * high,
+                    &|u, v| [[from, half + u * deep, v * high], [1.0, 0.0, 0.0]],
+                    rng,
+                );
+                face(
+                    deep * high,
+                    &|u, v| [[to, half + u * deep, v * high], [-1.0, 0.0, 0.0]],
+                    rng,
+                );
+            }
+            Kind::Drift(_) | Kind::Round => {}
         }
-        points
+        let noisy = |[at, out]: Spot| {
+            let off = noise * rng.normal();
+            std::array::from_fn(|a| at[a] + off * out[a])
+        };
+        spots.into_iter().map(noisy).collect()
     }
 }
 
 /// What was called open.
 #[derive(Default)]
 struct Found {
+    /// Refused before anything was asked.
+    not_asked: usize,
     /// Tunnels with anything open.
     open: usize,
     slides: usize,
@@ -179,8 +221,8 @@ struct Found {
     verdicts: std::collections::BTreeMap<&'static str, usize>,
 }
 
-fn study(kind: Kind, seed: u64, found: &mut Found) -> Result<(), Error> {
-    let mut rng = Rng::new(seed, 21);
+fn study(kind: Kind, (seed, stream): (u64, u64), found: &mut Found) -> Result<(), Error> {
+    let mut rng = Rng::new(seed, stream);
     let tunnel = Tunnel::new(kind, &mut rng);
     let reach = rng.range(8.0, 20.0);
     let (heading, slope) = (rng.range(0.0, TAU), rng.range(-0.3, 0.3));
@@ -233,7 +275,10 @@ fn study(kind: Kind, seed: u64, found: &mut Found) -> Result<(), Error> {
         verify.max_points,
     ));
     found.weakest.push(100.0 * told[0].information);
-    let open = judgement.unobservable.unwrap_or_default();
+    let Some(open) = judgement.unobservable else {
+        found.not_asked += 1;
+        return Ok(());
+    };
     found.open += usize::from(!open.is_empty());
     for d in open {
         match d.kind {
@@ -260,9 +305,9 @@ fn at(sorted: &[f64], share: f64) -> String {
 
 fn main() -> Result<(), Error> {
     println!(
-        "tunnel | of them | something open | slides | turns | to the axis, °: median | 95 % | most | weakest slide, % of a pair: least | median | most | verdicts"
+        "tunnel | of them | not asked | something open | slides | turns | to the axis, °: median | 95 % | most | weakest slide, % of a pair: least | median | most | verdicts"
     );
-    println!("---|---|---|---|---|---|---|---|---|---|---|---");
+    println!("---|---|---|---|---|---|---|---|---|---|---|---|---");
     let kinds = [
         ("pipe, blank", Kind::Round),
         ("drift, blank", Kind::Drift(0.0)),
@@ -275,10 +320,10 @@ fn main() -> Result<(), Error> {
         ("junction of blank drifts", Kind::Junction),
     ];
     let mut all: Vec<f64> = Vec::new();
-    for (name, kind) in kinds {
+    for (stream, (name, kind)) in (100..).zip(kinds) {
         let mut found = Found::default();
         for seed in 0..EACH {
-            study(kind, seed, &mut found)?;
+            study(kind, (seed, stream), &mut found)?;
         }
         found.angles.sort_by(f64::total_cmp);
         found.weakest.sort_by(f64::total_cmp);
@@ -289,7 +334,8 @@ fn main() -> Result<(), Error> {
             .map(|(v, n)| format!("{n} {v}"))
             .collect();
         println!(
-            "{name} | {EACH} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {}",
+            "{name} | {EACH} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {}",
+            found.not_asked,
             found.open,
             found.slides,
             found.turns,

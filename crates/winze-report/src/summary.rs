@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use winze::confidence::{DEGREES, METRES};
 use winze::outcome::RankedHypothesis;
 use winze::{Outcome, PoseDistance};
 
@@ -42,7 +43,7 @@ pub fn summary(outcome: &Outcome, error: Option<&PoseDistance>) -> String {
         line(
             "confidence",
             &format!(
-                "{percent:.1} % that the pose is right, of simulated answers with such evidence"
+                "{percent:.1} %, by the share of simulated answers with like evidence that were within {METRES} m and {DEGREES}°"
             ),
         );
     }

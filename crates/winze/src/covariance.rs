@@ -10,8 +10,8 @@
 //! * **Sections are displaced**: each block's own best displacement is fitted to its residuals. Their variance, one for level displacements and one for
 //!   upright ones, which gravity holds, is carried over to the pose. A few blocks tell it, since all of them tell two numbers.
 //!
-//! The map was made by an odometry too, and may be off around the query as a whole, which no residual shows: that much is added
-//! ([`OdometryConfig::map`]).
+//! Some of the error no residual shows: the map was made by an odometry too and may be off around the query as a whole, and a fit clings to some walls
+//! more than to others. That much is added ([`OdometryConfig::map`]), level, since gravity holds the rest where the map's z is up.
 //!
 //! What of the query is not in the map hangs on the rest by the query's own odometry, whose errors are added: those of odometry as one is used to it
 //! ([`OdometryConfig`]), or those of an arc that goes on as the query is seen to bend where it lies on the map, if that is more.
@@ -169,14 +169,10 @@ pub fn estimate(
 }
 
 /// The covariance were all residuals independent, `σ² H⁻¹`: what is commonly taken for the covariance of a registration, and far too small. For
-/// comparison. `None` where a direction is open.
+/// comparison. `None` where a direction is altogether open.
 #[must_use]
-pub fn plain(information: &Information) -> Option<Covariance> {
-    let length = (0..3)
-        .map(|i| information.moments[i][i])
-        .sum::<f64>()
-        .sqrt();
-    let inverse = inverted_scaled(&information.matrix, length)?;
+pub fn inverse_hessian(information: &Information) -> Option<Covariance> {
+    let inverse = inverted(&information.matrix, 0.0)?;
     Some(Covariance {
         matrix: inverse.map(|row| row.map(|v| v * information.residual_variance)),
         about: information.about,
@@ -238,7 +234,7 @@ impl Residuals {
         }
     }
 
-    /// How far off the map itself may be around the query, as a whole: it was made by an odometry too. No residual shows that.
+    /// How far off the pose may be as a whole for what no residual shows ([`OdometryConfig::map`]).
     #[must_use]
     pub fn of_map(&self, odometry: &OdometryConfig) -> Covariance {
         let mut matrix = [[0.0; 6]; 6];
@@ -256,18 +252,6 @@ impl Residuals {
             matrix,
             about: self.about,
         }
-    }
-
-    /// The covariance were all points independent, as a plain inverse Hessian has it: for comparison.
-    #[must_use]
-    pub fn independent(&self) -> Option<Covariance> {
-        #[expect(clippy::cast_precision_loss, reason = "a count")]
-        let freedom = self.rows.len().checked_sub(6).filter(|n| *n > 0)? as f64;
-        let square: f64 = self.rows.iter().map(|r| r.residual * r.residual).sum();
-        Some(Covariance {
-            matrix: self.inverse?.map(|row| row.map(|v| v * square / freedom)),
-            about: self.about,
-        })
     }
 
     /// The covariance where the points of a block of so many metres err together, those of two blocks do not; `None` for too few blocks.

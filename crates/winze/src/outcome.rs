@@ -90,8 +90,8 @@ pub struct Outcome {
     pub verdict: Verdict,
     /// And in a sentence.
     pub reason: String,
-    /// Probability that the pose is within 0.5 m and 5° of the truth, across the directions that are open, as
-    /// [counted on simulated queries](crate::confidence); `None` without a pose and for methods and settings that were not counted.
+    /// Probability that the pose is within 0.5 m and 5° of the truth, as [counted on simulated queries](crate::confidence); `None` without a pose,
+    /// for verdicts given too rarely to count (`degenerate`, `insufficient`), and for methods and settings that were not counted.
     pub confidence: Option<f64>,
     /// The best pose found, whatever the verdict; takes query points to the map.
     pub map_from_query: Option<Pose>,

@@ -221,10 +221,13 @@ fn write(
     Ok(())
 }
 
-const CALIBRATION: &str = "Confidence, of every answer with a pose, against the share that was right; the Brier score is the mean square of what is \
-     between, the calibration error the mean over the bins.\n";
-const COVERAGE: &str = "Errors of the right poses located, in units of the covariance: mean and median square (6 where it is right), and the share of x, y, z, \
-     and of the angles about them, within one and two standard deviations (68 and 95 %); plain: of the inverse Hessian.\n";
+const CALIBRATION: &str = "Confidence of every answer that has one, against the share whose pose lay within 0.5 m and 5° of the truth.
+Brier: mean square difference from what came true. ECE: mean difference from the share right, over the bins.
+";
+const COVERAGE: &str = "Errors of located poses in units of their covariance. Covered: within 5 m of the truth, and with a covariance.
+NEES: squared, 6 on average and 5.35 in the median where the covariance is right. Within one and two standard deviations:
+x, y, z and the angles about them (68 and 95 %). H⁻¹: by the inverse Hessian of the fit.
+";
 
 fn text(e: &Evaluation) -> String {
     let mut out = String::new();

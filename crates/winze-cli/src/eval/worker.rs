@@ -9,10 +9,12 @@ use std::time::Instant;
 
 use anyhow::Context as _;
 use serde::{Deserialize, Serialize};
+use winze::confidence::{Evidence, evidence};
+use winze::config::VerifyConfig;
 use winze::{Config, KeptMap, KeptQuery, Method, Outcome, Pose, Request, locate_in};
 use winze_io::{CloudFile, atomic};
 use winze_map::Map;
-use winze_report::evaluation::{Case as Truth, Doubt, Inliers, MapCost, Run, mark};
+use winze_report::evaluation::{Case as Truth, Inliers, MapCost, PoseError, Run, mark};
 
 use super::cases::Case;
 use crate::locate::read;
@@ -163,7 +165,7 @@ fn answer(
                 }
             };
             cost.work_seconds += outcome.map_seconds;
-            let mut run = judged(case, &truth, &query, &outcome);
+            let mut run = judged(case, &truth, &query, &outcome, &config.verify);
             run.query_kept = job.keep_query && asked;
             run.ceiling = ceiling;
             asked = true;
@@ -179,8 +181,25 @@ fn answer(
     Ok(())
 }
 
+/// What an outcome's confidence rests on; nothing without a pose.
+fn evidence_of(outcome: &Outcome, verify: &VerifyConfig) -> Option<Evidence> {
+    let lead = outcome.hypotheses.first()?;
+    evidence(
+        outcome.verdict,
+        lead.relief,
+        outcome.unobservable.is_some(),
+        verify,
+    )
+}
+
 /// An outcome held against the truth.
-fn judged(case: &Case, truth: &Truth, query: &CloudFile, outcome: &Outcome) -> Run {
+fn judged(
+    case: &Case,
+    truth: &Truth,
+    query: &CloudFile,
+    outcome: &Outcome,
+    verify: &VerifyConfig,
+) -> Run {
     let centroid = query.cloud.centroid().unwrap_or_default();
     let open = outcome.unobservable.as_deref().unwrap_or_default();
     let worth = |pose: Option<&Pose>| mark(truth, outcome.verdict, pose, open, centroid);
@@ -196,15 +215,17 @@ fn judged(case: &Case, truth: &Truth, query: &CloudFile, outcome: &Outcome) -> R
         map_from_query: outcome.map_from_query.as_ref().map(Pose::to_matrix),
         mark: worth(outcome.map_from_query.as_ref()),
         confidence: outcome.confidence,
+        evidence: evidence_of(outcome, verify),
         patches: outcome
             .hypotheses
             .first()
             .and_then(|h| h.relief)
             .map(|r| [r.asked, r.confirmed]),
-        doubt: truth
-            .truth
-            .as_ref()
-            .and_then(|t| Doubt::of(outcome, t, centroid)),
+        pose_error: truth.truth.as_ref().and_then(|truth| {
+            let (pose, covariance) = (outcome.map_from_query?, outcome.covariance()?);
+            let information = outcome.information.as_ref();
+            PoseError::of(&pose, &covariance, information, truth, centroid)
+        }),
         hypotheses: outcome.hypotheses.len(),
         truth_weighed: truth.truth.is_some().then(|| {
             let mut places = outcome.hypotheses.iter();

@@ -3,13 +3,15 @@
 use serde::Serialize;
 
 use super::Run;
-use super::mark::Class;
 use super::rates::Rate;
 use super::summary::distinct;
-use winze::Verdict;
+use winze::PoseDistance;
+use winze::confidence::is_right;
 
-/// Lower ends of the bins of confidence. The upper ones are narrow: it is there that people act.
-const BINS: [f64; 8] = [0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.98, 0.99];
+/// Lower ends of the bins of confidence: narrow where people act, so that no two [rows](winze::confidence::COUNTED) share one.
+const BINS: [f64; 12] = [
+    0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.95, 0.97, 0.98, 0.99, 0.995, 0.9975,
+];
 
 /// Answers given with about the same confidence.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -25,12 +27,14 @@ pub struct Bin {
 }
 
 impl Bin {
-    /// Whether the mean confidence lies within the interval of the share that was right.
+    /// Whether the mean confidence lies within the interval of the share that was right, in words.
     #[must_use]
-    pub fn agrees(&self) -> bool {
-        let (low, high) = (self.right.low, self.right.high);
-        low.is_some_and(|low| low <= self.confidence)
-            && high.is_some_and(|high| self.confidence <= high)
+    pub fn judged(&self) -> &'static str {
+        match (self.right.low, self.right.high) {
+            (Some(low), _) if self.confidence < low => "too modest",
+            (_, Some(high)) if self.confidence > high => "too sure",
+            _ => "yes",
+        }
     }
 }
 
@@ -53,14 +57,17 @@ pub struct Calibration {
     pub bins: Vec<Bin>,
 }
 
-/// The confidence of a run, and whether it came true: located within tolerance, or, whatever else was answered, a pose within tolerance across
-/// the directions that the case leaves open.
+/// The confidence of a run, and whether it came true ([`is_right`], whatever the verdict).
 fn told(run: &Run) -> Option<(f64, bool)> {
-    let right = match run.verdict? {
-        Verdict::Located => run.mark.class == Class::Right,
-        _ => run.mark.pose_right,
-    };
-    Some((run.confidence?, right))
+    let confidence = run.confidence.filter(|c| (0.0..=1.0).contains(c))?;
+    let error = run.mark.translation_m.zip(run.mark.rotation_deg);
+    let right = error.is_some_and(|(metres, degrees)| {
+        is_right(PoseDistance {
+            translation: metres,
+            rotation: degrees.to_radians(),
+        })
+    });
+    Some((confidence, right))
 }
 
 impl Calibration {
@@ -136,27 +143,28 @@ pub(super) fn by_family<T>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::{Mark, tests::run};
+    use crate::evaluation::{Class, Mark, tests::run};
+    use winze::confidence::{COUNTED, Counted};
 
-    fn answered(confidence: f64, right: bool) -> Run {
-        let class = if right {
-            Class::Right
-        } else {
-            Class::WrongAccept
+    fn answered(confidence: f64, metres: f64) -> Run {
+        let mark = Mark {
+            translation_m: Some(metres),
+            rotation_deg: Some(1.0),
+            ..Mark::default()
         };
         Run {
             confidence: Some(confidence),
-            ..run("auto", "a", class, Mark::default())
+            ..run("auto", "a", Class::Refusal, mark)
         }
     }
 
     #[test]
     fn scores_by_hand() {
         // Three of four right at 0.8, none of two at 0.25.
-        let mut runs: Vec<Run> = [true, true, true, false]
-            .map(|right| answered(0.8, right))
+        let mut runs: Vec<Run> = [0.1, 0.2, 0.5, 0.6]
+            .map(|metres| answered(0.8, metres))
             .to_vec();
-        runs.extend([answered(0.25, false), answered(0.25, false)]);
+        runs.extend([answered(0.25, 9.0), answered(0.25, 9.0)]);
         runs.push(run("auto", "a", Class::Right, Mark::default()));
         let all = calibrations(&runs);
         assert_eq!(all.len(), 2, "the family, and all of them");
@@ -166,30 +174,53 @@ mod tests {
         assert!((c.brier - brier).abs() < 1e-12);
         let error = (4.0 * 0.05 + 2.0 * 0.25) / 6.0;
         assert!((c.calibration_error - error).abs() < 1e-12);
-        assert!(c.bins.iter().all(Bin::agrees), "{c:?}");
+        assert!(c.bins.iter().all(|b| b.judged() == "yes"), "{c:?}");
         assert_eq!(c.overconfidence, 0.0);
     }
 
     #[test]
     fn too_sure_is_seen() {
-        let runs: Vec<Run> = (0..100).map(|i| answered(0.999, i % 10 > 0)).collect();
+        let runs: Vec<Run> = (0..100)
+            .map(|i| answered(0.999, f64::from(u8::from(i % 10 == 0))))
+            .collect();
         let c = &calibrations(&runs)[0];
-        assert!(!c.bins[0].agrees());
+        assert_eq!(c.bins[0].judged(), "too sure");
         assert!(c.overconfidence > 0.04, "{c:?}");
         assert!((c.calibration_error - 0.099).abs() < 1e-9);
     }
 
     #[test]
-    fn a_pose_counts_whatever_the_verdict() {
-        let mark = Mark {
-            pose_right: true,
-            ..Mark::default()
-        };
-        let mut refused = run("auto", "a", Class::Refusal, mark);
-        refused.verdict = Some(Verdict::NotFound);
-        refused.confidence = Some(1.0);
-        let c = &calibrations(&[refused])[0];
-        assert_eq!((c.bins[0].right.count, c.brier), (1, 0.0));
-        assert!(calibrations(&[run("auto", "a", Class::Right, mark)]).is_empty());
+    fn too_modest_is_seen_too_and_bins_meet() {
+        let runs: Vec<Run> = [0.99, 0.9975, 1.0]
+            .into_iter()
+            .flat_map(|c| vec![answered(c, 0.1); 900])
+            .collect();
+        let c = &calibrations(&runs)[0];
+        let bins: Vec<_> = c.bins.iter().map(|b| (b.from, b.to, b.right.of)).collect();
+        assert_eq!(bins, [(0.99, 0.995, 900), (0.9975, 1.0, 1800)]);
+        assert_eq!(c.bins[0].judged(), "too modest");
+        assert_eq!(c.bins[1].judged(), "yes");
+    }
+
+    #[test]
+    fn a_query_that_is_not_in_the_map_is_never_right() {
+        let mut out = answered(0.9, 0.0);
+        out.mark = Mark::default();
+        let c = &calibrations(&[out, answered(f64::NAN, 0.0)])[0];
+        assert_eq!((c.answers, c.bins[0].right.count), (1, 0));
+        let mute = run("auto", "a", Class::Right, Mark::default());
+        assert!(calibrations(&[mute]).is_empty());
+    }
+
+    #[test]
+    fn every_row_has_a_bin_of_its_own() {
+        let mut bins: Vec<usize> = COUNTED
+            .iter()
+            .filter_map(Counted::probability)
+            .map(|p| BINS.iter().filter(|from| **from <= p).count())
+            .collect();
+        bins.sort_unstable();
+        bins.dedup();
+        assert_eq!(bins.len(), COUNTED.len());
     }
 }

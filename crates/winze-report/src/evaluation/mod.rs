@@ -23,7 +23,7 @@ mod summary;
 mod tables;
 
 pub use calibration::{Bin, Calibration, calibrations};
-pub use coverage::{Coverage, Covered, Doubt, coverages};
+pub use coverage::{Coverage, Covered, PoseError, Uncertainty, coverages};
 pub use labels::{Labelled, Labels, labels};
 pub use mark::{Case, Class, Direction, Mark, Tolerance, mark};
 pub use page::{Exhibit, evaluation_page};
@@ -38,6 +38,7 @@ pub use tables::{
 
 use serde::{Deserialize, Serialize};
 use winze::Verdict;
+use winze::confidence::Evidence;
 
 /// One case answered by one method with one seed.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -68,12 +69,15 @@ pub struct Run {
     /// The probability that it is said to be right with.
     #[serde(default)]
     pub confidence: Option<f64>,
+    /// What that rests on.
+    #[serde(default)]
+    pub evidence: Option<Evidence>,
     /// Patches of wall asked there whether it is the same rock, and those that say yes.
     #[serde(default)]
     pub patches: Option<[usize; 2]>,
     /// Its error and its covariance, where there is a truth and a covariance.
     #[serde(default)]
-    pub doubt: Option<Doubt>,
+    pub pose_error: Option<PoseError>,
     /// Places weighed.
     pub hypotheses: usize,
     /// The truth is among them.
@@ -177,8 +181,9 @@ impl Run {
                 ..worth
             },
             confidence: None,
+            evidence: None,
             patches: None,
-            doubt: None,
+            pose_error: None,
             hypotheses: 0,
             truth_weighed: None,
             inliers: None,
@@ -220,8 +225,9 @@ pub(crate) mod tests {
             map_from_query: None,
             mark: Mark { class, ..mark },
             confidence: None,
+            evidence: None,
             patches: None,
-            doubt: None,
+            pose_error: None,
             hypotheses: 1,
             truth_weighed: None,
             inliers: None,

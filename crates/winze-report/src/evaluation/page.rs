@@ -89,13 +89,15 @@ pub fn evaluation_page(
         let _ = write!(out, "<h2>{title}</h2><p>{note}</p>{}", table.to_html());
     }
     for c in e.calibrations.iter().filter(|c| c.family.is_none()) {
-        if let Ok(svg) = reliability(c) {
-            let _ = write!(
-                out,
-                "<figure><figcaption>Confidence of <b>{}</b> against the share that was right</figcaption>{svg}</figure>",
-                escape(&c.method)
-            );
-        }
+        // Within a page it needs no name of its own.
+        let svg =
+            reliability(c).map(|svg| svg.replace(" xmlns=\"http://www.w3.org/2000/svg\"", ""));
+        let _ = write!(
+            out,
+            "<figure><figcaption>Confidence of <b>{}</b> against the share that was right</figcaption>{}</figure>",
+            escape(&c.method),
+            svg.unwrap_or_else(|e| escape(&e.to_string()))
+        );
     }
     if !e.errors.is_empty() {
         out += "<h2>Cases without an answer</h2><ul>";
@@ -127,12 +129,13 @@ const ANSWERS: &str = "Recall: located within the case's tolerance, of the cases
      does not hold the query. Refused: not answered though an answer was there to be had. Right: the right thing said. \
      Pose right: the best pose is within tolerance, whatever the verdict. Wilson 95 % intervals, which take runs as \
      independent.";
-const CONFIDENCE: &str = "Every answer with a pose, by the confidence that it was given with, and the share that was right. They agree where the mean \
+const CONFIDENCE: &str = "Every answer with a confidence, and the share of them whose pose lay within 0.5 m and 5° of the truth. They agree where the mean \
      confidence lies within the Wilson interval of that share.";
-const SCORES: &str = "Brier score: mean square difference of the confidence from what came true. Calibration error: mean difference of mean \
-     confidence and share right over the bins. Too sure: the most by which a bin's mean confidence lies above the interval.";
-const COVARIANCE: &str = "Errors of the right poses located, in units of the covariance: mean and median square (6 where it is right), and the share \
-     of x, y, z, and of the angles about them, within one and two standard deviations (68 and 95 %). Plain: by the inverse Hessian.";
+const SCORES: &str = "Brier: mean square difference of the confidence from what came true (1 or 0). ECE, the expected calibration error: mean difference of \
+     confidence and share right over the bins. Overconfidence: the most by which a bin's mean confidence lies above its interval.";
+const COVARIANCE: &str = "Errors of located poses in units of their covariance. Covered: those within 5 m of the truth that have one; they are what is \
+     looked at. NEES: the normalised estimation error squared, 6 on average and 5.35 in the median where the covariance is right; and the share of x, y, z, and of \
+     the angles about them, within one and two standard deviations (68 and 95 %). H⁻¹: by the inverse Hessian of the fit.";
 const STEPS: &str = "Right poses of the method before, in pairs of case and seed: nearer to the truth after the refiner or \
      further from it, by more than 2 mm across what is unobservable; right no more (lost), or only now (won).";
 const APART: &str =
@@ -176,12 +179,13 @@ fn figure(out: &mut String, exhibit: &Exhibit<'_>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::{Mark, labels, steps, summaries, tests::run};
+    use crate::evaluation::{Mark, calibrations, labels, steps, summaries, tests::run};
 
     #[test]
     fn the_page_is_whole_and_offline() {
         let mut wrong = run("auto", "a<b", Class::WrongAccept, Mark::default());
         wrong.again = vec!["winze eval x --only 'a<b/1'".into()];
+        wrong.confidence = Some(0.998);
         let runs = vec![wrong];
         let evaluation = Evaluation {
             jobs: 1,
@@ -193,7 +197,7 @@ mod tests {
             seeds: vec![0],
             labels: labels([]),
             summaries: summaries(&runs),
-            calibrations: Vec::new(),
+            calibrations: calibrations(&runs),
             coverages: Vec::new(),
             steps: steps(&runs),
             costs: Vec::new(),
@@ -209,6 +213,8 @@ mod tests {
         for part in [
             "1 of 1 shown",
             "wrong accept",
+            "<svg",
+            "too sure",
             "--only 'a&lt;b/1'",
             "data:image/png;base64,AQID",
         ] {

@@ -6,7 +6,7 @@ use super::calibration::Calibration;
 
 const BLUE_DOT: RGBColor = RGBColor(0, 114, 178);
 
-/// The diagram of one calibration as SVG: the share right against mean confidence, with Wilson intervals, over all of it and where people act. On
+/// The diagram of one calibration as SVG: the share right against mean confidence, with Wilson intervals, over all of it and above 0.9. On
 /// the diagonal a confidence means what it says.
 ///
 /// # Errors
@@ -25,7 +25,7 @@ fn drawn(calibration: &Calibration, svg: &mut String) -> Drawn {
     let (left, right) = root.split_horizontally(480);
     for (area, from, title) in [
         (&left, 0.0, "All answers with a pose"),
-        (&right, 0.9, "Those that people act on"),
+        (&right, 0.9, "Confidence above 0.9"),
     ] {
         let mut chart = ChartBuilder::on(area)
             .caption(title, ("sans-serif", 17))

@@ -1,7 +1,7 @@
 //! The tables that `winze eval` prints.
 
 use super::calibration::Calibration;
-use super::coverage::{Coverage, Covered};
+use super::coverage::Coverage;
 use super::labels::Labels;
 use super::rates::{Quantiles, Rate};
 use super::steps::Step;
@@ -143,7 +143,7 @@ pub fn bin_table(calibrations: &[Calibration]) -> Table {
                 decimal(Some(b.to), 2),
                 decimal(Some(b.confidence), 4),
                 rate(&b.right),
-                if b.agrees() { "yes" } else { "no" }.into(),
+                b.judged().into(),
             ]);
         }
     }
@@ -157,9 +157,9 @@ pub fn calibration_table(calibrations: &[Calibration]) -> Table {
         "method",
         "family",
         "answers",
-        "Brier score",
-        "calibration error",
-        "too sure by",
+        "Brier",
+        "ECE",
+        "overconfidence",
     ];
     let mut table = Table::new(2, &head);
     for c in calibrations {
@@ -181,31 +181,25 @@ pub fn coverage_table(coverages: &[Coverage]) -> Table {
     let head = [
         "method",
         "family",
-        "located",
-        "mean square",
-        "median",
+        "covered",
+        "NEES",
+        "p50",
         "within 1 σ %",
         "within 2 σ %",
-        "plain: mean square",
-        "1 σ",
-        "2 σ",
+        "NEES of H⁻¹",
     ];
     let mut table = Table::new(2, &head);
     let each = |shares: [f64; 6]| shares.map(|s| format!("{:.0}", 100.0 * s)).join(" ");
-    let mean = |shares: [f64; 6]| 100.0 * shares.iter().sum::<f64>() / 6.0;
     for c in coverages {
-        let plain = |get: &dyn Fn(&Covered) -> f64| c.plain.as_ref().map(get);
         table.row(vec![
             c.method.clone(),
             family(c.family.as_deref()),
-            c.answers.to_string(),
-            decimal(Some(c.answered.mean_square), 1),
-            decimal(Some(c.answered.median_square), 1),
+            format!("{}/{}", c.answers, c.located),
+            decimal(Some(c.answered.mean_nees), 1),
+            decimal(Some(c.answered.median_nees), 1),
             each(c.answered.within_one),
             each(c.answered.within_two),
-            decimal(plain(&|p| p.mean_square), 0),
-            decimal(plain(&|p| mean(p.within_one)), 0),
-            decimal(plain(&|p| mean(p.within_two)), 0),
+            decimal(c.inverse_hessian.as_ref().map(|p| p.mean_nees), 0),
         ]);
     }
     table

@@ -285,8 +285,8 @@ section! {
 }
 
 section! {
-    /// How the SLAM that made the query errs, and the map, one standard deviation each. For the covariance alone: where part of the query is not in the
-    /// map, it hangs on the rest by these.
+    /// How the SLAM that made the query errs, one standard deviation each. For the covariance alone. All but `map`: where part of the query is not in the map,
+    /// it hangs on the rest by these.
     pub struct OdometryConfig("odometry") {
         /// Scale of its steps, a share.
         scale: f64 = 0.003, Between(0.0, 1.0);
@@ -296,7 +296,8 @@ section! {
         turn_walk: f64 = 0.02, Between(0.0, 90.0);
         /// Random walk of its position about each axis, metres after one metre.
         walk: f64 = 0.003, Between(0.0, 10.0);
-        /// How far off the map is around the query, as a whole, metres: it was made by some odometry too. Level; what is upright, by the share of `tilt`.
+        /// How far off the pose may be as a whole, metres, for what no residual shows: the map was made by some odometry too, and the fit clings to some
+        /// walls more than to others. Level; upright by the share of `tilt`, where the map's z is up.
         map: f64 = 0.01, Between(0.0, 10.0);
         /// How much of the turns also tilts, away from the map's z: little where the SLAM knows gravity and z is up.
         tilt: f64 = 0.1, Between(0.0, 1.0);

@@ -128,7 +128,9 @@ fn errors(draws: u64, spoil: &dyn Fn(&mut Rng, &mut Vec<[f64; 3]>)) -> [f64; 2] 
             None,
         )
         .unwrap();
-        let independent = Residuals::of(&map, &query, &pose, &config).independent();
+        let distance = config.overlap_distance.metres(map.voxel);
+        let told = icp::information(&map, &query, &pose, distance, config.max_points);
+        let independent = inverse_hessian(&told);
         for (sum, covariance) in nees.iter_mut().zip([blocks, independent.unwrap()]) {
             *sum += covariance.nees(error).unwrap();
         }
@@ -214,10 +216,6 @@ fn too_little_to_tell_is_told() {
     );
     assert_eq!(none, None);
     assert_eq!(
-        Residuals::of(&map, &map, &away, &config).independent(),
-        None
-    );
-    assert_eq!(
         estimate(
             &map,
             &Surface::default(),
@@ -232,8 +230,26 @@ fn too_little_to_tell_is_told() {
 }
 
 #[test]
+fn the_inverse_hessian_by_hand() {
+    let mut matrix = [[0.0; 6]; 6];
+    (0..6).for_each(|i| matrix[i][i] = 100.0);
+    let mut information = Information {
+        matrix,
+        about: [1.0, 2.0, 3.0],
+        moments: [[0.0; 3]; 3],
+        pairs: 300,
+        residual_variance: 0.0004,
+    };
+    let covariance = inverse_hessian(&information).unwrap();
+    assert!((covariance.matrix[4][4].sqrt() - 0.002).abs() < 1e-12);
+    assert_eq!(covariance.about, [1.0, 2.0, 3.0]);
+    information.matrix[0][0] = 0.0;
+    assert_eq!(inverse_hessian(&information), None);
+}
+
+#[test]
 fn displacements_by_hand() {
-    // Four sections off by 2 cm in each of two level directions and by 1 mm upright: 8 level and 4 upright, of which three each are the pose's.
+    // Six sections off by 2 cm in each of two level directions and by 1 mm upright: 12 level and 6 upright, of which three each are the pose's.
     let section = [(2.0 * 4e-4, 2), (1e-6, 1)];
     let close = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-9;
     let apart = variances(&[section; 6]).unwrap();
