@@ -1,0 +1,153 @@
+//! The top of the page: the verdict, what it means, and the numbers that are asked for first.
+
+use std::fmt::Write as _;
+
+use winze::{Outcome, PoseDistance, Verdict};
+
+use super::escape;
+use crate::scene::ellipsoid;
+
+/// Verdict and facts.
+pub(super) fn answer(outcome: &Outcome, error: Option<&PoseDistance>) -> String {
+    let verdict = outcome.verdict;
+    let mut out = format!(
+        "<header><div class=\"answer\"><div><h1 class=\"{}\"><span class=\"mark\" aria-hidden=\"true\"><b>{}</b></span>{}</h1>\
+         <p class=\"meaning\">{}</p></div></div>",
+        verdict.name(),
+        mark(verdict),
+        title(verdict),
+        meaning(verdict)
+    );
+    let facts = facts(outcome, error);
+    if !facts.is_empty() {
+        out += "<dl class=\"facts\">";
+        for (name, value, small) in facts {
+            let _ = write!(
+                out,
+                "<div><dt>{name}</dt><dd>{}<small>{}</small></dd></div>",
+                escape(&value),
+                escape(&small)
+            );
+        }
+        out += "</dl>";
+    }
+    out + "</header>"
+}
+
+fn title(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Located => "Located",
+        Verdict::Ambiguous => "Ambiguous",
+        Verdict::Degenerate => "Degenerate",
+        Verdict::NotFound => "Not found",
+        Verdict::Insufficient => "Insufficient",
+    }
+}
+
+fn mark(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Located => "✓",
+        Verdict::Ambiguous => "?",
+        Verdict::Degenerate => "↔",
+        Verdict::NotFound => "✕",
+        Verdict::Insufficient => "…",
+    }
+}
+
+/// What a verdict means, and what to do about it.
+pub(super) fn meaning(verdict: Verdict) -> &'static str {
+    match verdict {
+        Verdict::Located => {
+            "The query lies in the map where it is shown below, and the rock itself says so."
+        }
+        Verdict::Ambiguous => {
+            "Several places in the map fit. Drive on a little and ask again; do not act on the first of them."
+        }
+        Verdict::Degenerate => {
+            "The query could slide or turn the way the arrows show. Trust the rest of the pose where the rock confirms the place; where it rests on its shape alone, another passage of that shape would answer alike."
+        }
+        Verdict::NotFound => {
+            "No pose can be believed: no place in this map has the query's shape, or none its rock, or the query is too bent for one pose. The pose shown is only the best of those tried."
+        }
+        Verdict::Insufficient => {
+            "The query holds too little geometry, or too little wall to ask, to say where it is."
+        }
+    }
+}
+
+/// Name, value, and a remark.
+fn facts(outcome: &Outcome, error: Option<&PoseDistance>) -> Vec<(&'static str, String, String)> {
+    let mut facts = Vec::new();
+    let believed = matches!(outcome.verdict, Verdict::Located | Verdict::Degenerate);
+    let guess = if believed {
+        String::new()
+    } else {
+        " of the best guess, not to be relied on".into()
+    };
+    if let Some(confidence) = outcome.confidence {
+        let digits = if confidence > 0.99 { 2 } else { 1 };
+        facts.push((
+            "Confidence",
+            format!("{:.digits$} %", 100.0 * confidence),
+            "that the pose is right".into(),
+        ));
+    }
+    if let Some([x, y, z]) = outcome.covariance_at {
+        facts.push((
+            "The query's centre in the map",
+            format!("{x:.2}, {y:.2}, {z:.2} m"),
+            format!("x, y, z{guess}"),
+        ));
+    }
+    if let Some(pose) = &outcome.map_from_query {
+        let [yaw, pitch, roll] = pose.yaw_pitch_roll().map(f64::to_degrees);
+        let [x, y, z] = pose.translation();
+        facts.push((
+            "Its frame's attitude and origin",
+            format!("{yaw:.1}°, {pitch:.1}°, {roll:.1}°"),
+            format!("yaw, pitch, roll; {x:.2}, {y:.2}, {z:.2} m"),
+        ));
+    }
+    if let (Some(e), Some(c)) = (ellipsoid(outcome), outcome.covariance) {
+        let [a, b, c_] = e.half.map(length);
+        let turn = (c[3][3] + c[4][4] + c[5][5]).max(0.0).sqrt().to_degrees();
+        facts.push((
+            "Uncertainty, 95 %",
+            format!("± {c_}, {b}, {a}"),
+            format!("half axes of the ellipsoid; turned by {turn:.2}° (1 σ)"),
+        ));
+    }
+    if let Some(fraction) = outcome.inlier_fraction {
+        facts.push((
+            "Near the map",
+            format!("{:.1} %", 100.0 * fraction),
+            format!(
+                "of the query within {} m of the {}{}",
+                outcome.inlier_distance,
+                outcome.inlier_reference,
+                outcome
+                    .inlier_rmse
+                    .map_or_else(String::new, |r| format!(", RMSE {r:.3} m"))
+            ),
+        ));
+    }
+    if let Some(e) = error {
+        facts.push((
+            "Off the truth given",
+            length(e.translation),
+            format!("and {:.3}°", e.rotation.to_degrees()),
+        ));
+    }
+    facts
+}
+
+/// A length as people say it.
+pub(super) fn length(metres: f64) -> String {
+    if metres < 0.0995 {
+        format!("{:.1} cm", 100.0 * metres)
+    } else if metres < 100.0 {
+        format!("{metres:.2} m")
+    } else {
+        format!("{metres:.0} m")
+    }
+}
