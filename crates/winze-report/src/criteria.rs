@@ -5,6 +5,7 @@
 use winze::config::VerifyConfig;
 use winze::degeneracy::{self, DirectionKind, Unobservable};
 use winze::outcome::RankedHypothesis;
+use winze::relief::Relief;
 use winze::{Outcome, Verdict};
 
 /// One thing that a verdict rests on.
@@ -77,22 +78,60 @@ const OVERLAP: &str = "Does it lie on the map?";
 const FINE: &str = "Does it lie there finely?";
 const PATCHES: &str = "Is there enough wall to ask?";
 const ROCK: &str = "Is it the same rock?";
-const OTHER: &str = "How much of the rock fits the best other place?";
+const OTHER: &str = "Does the rock of another place fit as well?";
 const RIVALS: &str = "Can other places be ruled out?";
 const BEND: &str = "Is the query straight enough?";
 const WEAKEST: &str = "Is it held in every direction?";
 
+/// What the verdict means, in a sentence or two, and what to do about it.
+#[must_use]
+pub fn meaning(outcome: &Outcome, config: &VerifyConfig) -> &'static str {
+    let best = outcome.hypotheses.first();
+    let sure = best.is_some_and(|b| is_confirmed(b, config));
+    let rows = criteria(outcome, config);
+    let decides = |name: &str| rows.iter().any(|r| r.decides && r.asks == name);
+    match outcome.verdict {
+        Verdict::Located => {
+            "The query lies in the map where it is shown, and the rock itself says so."
+        }
+        Verdict::Ambiguous => {
+            "Several places in the map fit. Drive on a little and ask again; do not act on the first of them."
+        }
+        Verdict::Degenerate if sure => {
+            "The rock confirms the place, but the query could still move the way the arrows show. Trust the rest of the pose."
+        }
+        Verdict::Degenerate => {
+            "The query could move the way the arrows show, and the place rests on its shape alone: another passage of that shape would answer alike."
+        }
+        Verdict::NotFound if best.is_none() => "No place in this map came up for the query.",
+        Verdict::NotFound if sure => {
+            "The rock says that it is this place, but the query is too bent or too blurred for one pose. Ask again with a shorter one."
+        }
+        Verdict::NotFound if decides(ROCK) => {
+            "A place has the query's shape, but its rock is not the same. What is shown is only the best of those tried."
+        }
+        Verdict::NotFound => {
+            "No place in this map has the query's shape. What is shown is only the best of those tried."
+        }
+        Verdict::Insufficient if best.is_some() => {
+            "The shape fits, but there is too little wall to ask whether it is the same rock. Collect more."
+        }
+        Verdict::Insufficient => "The query holds too little geometry to look for. Collect more.",
+    }
+}
+
+/// With a space that does not break.
 fn percent(share: f64) -> String {
-    format!("{:.0} %", 100.0 * share)
+    format!("{:.0}\u{a0}%", 100.0 * share)
 }
 
 fn fine_percent(share: f64) -> String {
     let digits = if share < 0.0995 { 2 } else { 1 };
-    format!("{:.digits$} %", 100.0 * share)
+    format!("{:.digits$}\u{a0}%", 100.0 * share)
 }
 
 /// The rock has confirmed the place.
-fn is_confirmed(best: &RankedHypothesis, config: &VerifyConfig) -> bool {
+pub(crate) fn is_confirmed(best: &RankedHypothesis, config: &VerifyConfig) -> bool {
     best.overlap >= config.least_overlap
         && best.relief.is_some_and(|r| {
             r.asked >= config.min_patches && r.significance() >= config.min_significance
@@ -108,7 +147,7 @@ fn points(outcome: &Outcome, config: &VerifyConfig) -> Criterion {
         .map(|s| s.count_out)
         .next_back();
     let found = match (prepared, outcome.voxel) {
-        (Some(n), Some(voxel)) => format!("{n} points, one in {voxel:.2} m"),
+        (Some(n), Some(voxel)) => format!("{n} points left, {voxel:.2} m apart"),
         (Some(n), None) => format!("{n} points"),
         (None, _) => format!("{} points as read", outcome.query_points),
     };
@@ -215,9 +254,14 @@ fn same_rock(best: &RankedHypothesis, config: &VerifyConfig) -> Criterion {
     let enough = relief.asked >= config.min_patches;
     let found = if relief.asked == 0 {
         "no patch could be asked".into()
+    } else if sigma < 0.0 {
+        format!(
+            "{} of {} patches agree, fewer than by chance ({sigma:.1} σ)",
+            relief.confirmed, relief.asked
+        )
     } else {
         format!(
-            "{} of {} patches agree, {sigma:.1} σ more than chance",
+            "{} of {} patches agree, {sigma:.1} σ more than by chance",
             relief.confirmed, relief.asked
         )
     };
@@ -238,29 +282,33 @@ fn same_rock(best: &RankedHypothesis, config: &VerifyConfig) -> Criterion {
     }
 }
 
-/// Places that were asked, but for the first.
+/// What the rock says of the other places, the strongest of them.
 fn strongest_other(outcome: &Outcome, config: &VerifyConfig) -> Criterion {
     let best = outcome.hypotheses.first().and_then(|h| h.relief);
     let excess = best.map_or(0.0, |r| r.excess());
-    let others = outcome.hypotheses.iter().skip(1);
-    let other = others
+    let others: Vec<Relief> = outcome
+        .hypotheses
+        .iter()
+        .skip(1)
         .filter_map(|h| h.relief)
         .filter(|r| r.asked >= config.min_patches)
+        .collect();
+    let strongest = others
+        .iter()
         .max_by(|a, b| a.excess().total_cmp(&b.excess()));
-    let wanted = format!(
-        "below {} of the best place's excess over chance",
-        percent(config.rival_excess)
-    );
-    let share = other.filter(|_| excess > 0.0).map(|r| r.excess() / excess);
-    let found = match other {
+    let doubt = |r: &Relief| r.significance() >= config.sure_significance;
+    let share = strongest
+        .filter(|_| excess > 0.0)
+        .map(|r| r.excess() / excess);
+    let found = match strongest {
         None if outcome.hypotheses.len() < 2 => "no other place came up".into(),
-        None => "none could be asked".into(),
+        None => "none had enough of it to ask".into(),
         Some(r) => format!(
-            "{} of {} patches{}",
+            "at best {} of {} patches{}",
             r.confirmed,
             r.asked,
             share.map_or_else(String::new, |s| format!(
-                ", {} of the excess",
+                ": {} of the answer's excess over chance",
                 percent(s.max(0.0))
             ))
         ),
@@ -268,8 +316,12 @@ fn strongest_other(outcome: &Outcome, config: &VerifyConfig) -> Criterion {
     Criterion {
         asks: OTHER,
         found,
-        wanted,
-        met: share.map(|s| s < config.rival_excess),
+        wanted: format!(
+            "below {}, and below {:.1} σ",
+            percent(config.rival_excess),
+            config.sure_significance
+        ),
+        met: share.map(|s| s < config.rival_excess && !others.iter().any(doubt)),
         decides: false,
         gauge: share.map(|s| Gauge {
             value: s.clamp(0.0, 1.0),
@@ -353,7 +405,6 @@ fn weakest_direction(outcome: &Outcome, config: &VerifyConfig, sure: bool) -> Op
 mod tests {
     use super::*;
     use winze::Pose;
-    use winze::relief::Relief;
 
     fn hypothesis(overlap: f64, score: f64, confirmed: usize, asked: usize) -> RankedHypothesis {
         RankedHypothesis {
@@ -427,11 +478,15 @@ mod tests {
         assert!(
             row(&rows, ROCK)
                 .found
-                .contains("60 of 88 patches agree, 6.9 σ")
+                .contains("60 of 88 patches agree, 6.9 σ more")
         );
         // (20 - 59/3) / (60 - 88/3)
-        assert!(row(&rows, OTHER).found.contains("20 of 59 patches, 1 % of"));
-        assert!(row(&rows, OVERLAP).wanted.starts_with("at least 10 %"));
+        assert!(
+            row(&rows, OTHER)
+                .found
+                .contains("20 of 59 patches: 1\u{a0}% of")
+        );
+        assert!(row(&rows, OVERLAP).wanted.starts_with("at least 10\u{a0}%"));
     }
 
     #[test]
@@ -452,7 +507,7 @@ mod tests {
         assert!(
             row(&rows(&off), OVERLAP)
                 .wanted
-                .starts_with("at least 50 %")
+                .starts_with("at least 50\u{a0}%")
         );
         let loose = outcome(Verdict::NotFound, vec![hypothesis(0.8, 0.3, 60, 88)]);
         assert_eq!(deciding(&rows(&loose)), [FINE]);

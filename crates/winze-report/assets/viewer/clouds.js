@@ -39,9 +39,9 @@ function makeClouds(stage, scene) {
         map,
         query,
         ghosts,
-        mapBall: ballOf(sampleOf(mapTiles, scene.map.edge, 4000)),
+        mapSample: sampleOf(mapTiles, scene.map.edge, 4000).map((p) => new THREE.Vector3(...p)),
         // About the query's centroid, in its own axes.
-        sample: sampleOf(queryTiles, scene.query.edge, 3000),
+        sample: inBall(sampleOf(queryTiles, scene.query.edge, 2000)).map((p) => new THREE.Vector3(...p)),
         // Colours the query by how far it lies off the map at a place.
         colourBy(place) {
             if (!residuals.length) return;

@@ -41,17 +41,9 @@ function sampleOf(tiles, edge, most) {
     return points;
 }
 
-// Middle and radius of a ball that holds all but the outermost points.
-function ballOf(points) {
-    if (points.length === 0) return { at: new THREE.Vector3(), radius: 1 };
-    const middle = [0, 1, 2].map((a) => {
-        const v = points.map((p) => p[a]).sort((x, y) => x - y);
-        const skip = Math.floor(v.length / 200);
-        return (v[skip] + v[v.length - 1 - skip]) / 2;
-    });
-    const far = points
-        .map((p) => Math.hypot(p[0] - middle[0], p[1] - middle[1], p[2] - middle[2]))
-        .sort((x, y) => x - y);
+// All but the outermost hundredth of points about zero: strays must not decide what is looked at.
+function inBall(points) {
+    const far = points.map((p) => Math.hypot(...p)).sort((a, b) => a - b);
     const radius = far[Math.floor(0.99 * (far.length - 1))];
-    return { at: new THREE.Vector3(...middle), radius: Math.max(radius, 0.5) };
+    return points.filter((p) => Math.hypot(...p) <= radius);
 }

@@ -81,7 +81,7 @@ function patchMark(patches, material) {
         const centre = new THREE.Vector3(x, y, z);
         const normal = new THREE.Vector3(nx, ny, nz);
         const side = Math.abs(nz) < 0.9 ? new THREE.Vector3(0, 0, 1) : new THREE.Vector3(1, 0, 0);
-        const u = normal.clone().cross(side).normalize().multiplyScalar(0.36 * patches.size);
+        const u = normal.clone().cross(side).normalize().multiplyScalar(0.44 * patches.size);
         const v = normal.clone().cross(u);
         const rim = (i) => {
             const a = (i / DISC_SIDES) * 2 * Math.PI;

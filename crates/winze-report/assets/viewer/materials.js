@@ -63,7 +63,7 @@ void main() { at = uv; gl_Position = vec4(position.xy, 0.0, 1.0); }`;
 const LIGHT_FRAGMENT = `
 uniform sampler2D picture, depth;
 uniform vec2 pixel;
-uniform float near, far, strength;
+uniform float near, far, strength, darkest;
 uniform vec3 background;
 varying vec2 at;
 float distanceOf(float d) { return near * far / (far - d * (far - near)); }
@@ -76,7 +76,7 @@ void main() {
         float n = texture2D(depth, at + pixel * vec2(cos(a), sin(a))).x;
         if (n < 1.0) shadow += max(0.0, own - log2(distanceOf(n)));
     }
-    vec3 lit = texture2D(picture, at).rgb * (0.38 + 0.62 * exp(-shadow / 8.0 * strength));
+    vec3 lit = texture2D(picture, at).rgb * mix(darkest, 1.0, exp(-shadow / 8.0 * strength));
     gl_FragColor = vec4(lit, 1.0);
 }`;
 
@@ -120,7 +120,8 @@ function lightMaterial(shared) {
             pixel: { value: new THREE.Vector2() },
             near: { value: 0.1 },
             far: { value: 1000 },
-            strength: { value: 260 },
+            strength: { value: 170 },
+            darkest: shared.darkest,
             background: shared.background,
         },
     });

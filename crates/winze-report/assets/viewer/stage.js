@@ -20,6 +20,7 @@ function makeStage(canvas) {
         ramp: { value: [new THREE.Vector3(), new THREE.Vector3(), new THREE.Vector3()] },
         offMap: { value: new THREE.Vector3() },
         fineAt: { value: 0.33 },
+        darkest: { value: 0.35 },
     };
     const stage = {
         renderer,
@@ -113,11 +114,32 @@ function makeStage(canvas) {
         stage.animation = requestAnimationFrame(next);
     };
 
-    // Where the camera stands to see a ball from a direction.
-    stage.standpoint = function (ball, direction) {
-        const half = (VIEW_ANGLE * Math.PI) / 360;
-        const across = Math.atan(Math.tan(half) * Math.min(camera.aspect, 1));
-        return direction.clone().normalize().multiplyScalar(ball.radius / Math.sin(across)).add(ball.at);
+    // Where the camera stands, and what it looks at, to see points from a direction, with so much room around them.
+    stage.standpoint = function (points, direction, room) {
+        const back = direction.clone().normalize();
+        const right = new THREE.Vector3(0, 0, 1).cross(back);
+        if (right.length() < 1e-3) right.set(1, 0, 0);
+        right.normalize();
+        const up = back.clone().cross(right);
+        const tanUp = Math.tan((VIEW_ANGLE * Math.PI) / 360) / room;
+        const tanRight = tanUp * camera.aspect;
+        const axes = [right, up, back];
+        const low = [Infinity, Infinity, Infinity];
+        const high = [-Infinity, -Infinity, -Infinity];
+        const spread = points.map((p) => axes.map((a) => a.dot(p)));
+        spread.forEach((s) => s.forEach((v, i) => {
+            low[i] = Math.min(low[i], v);
+            high[i] = Math.max(high[i], v);
+        }));
+        const middle = low.map((v, i) => (v + high[i]) / 2);
+        const far = spread.map((s) => {
+            const [r, u, b] = s.map((v, i) => v - middle[i]);
+            return Math.max(Math.abs(r) / tanRight, Math.abs(u) / tanUp) + b;
+        });
+        const distance = Math.max(far.reduce((a, b) => Math.max(a, b), 0), 1);
+        const target = new THREE.Vector3();
+        axes.forEach((a, i) => target.addScaledVector(a, middle[i]));
+        return { target, eye: back.multiplyScalar(distance).add(target) };
     };
 
     controls.addEventListener('change', stage.ask);

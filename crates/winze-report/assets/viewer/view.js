@@ -2,12 +2,12 @@
 
 const SCHEMES = {
     dark: {
-        background: '#0b0d12', map: '#8f6bb8', query: '#3ddc84', ghost: '#e0a02a',
+        background: '#0b0d12', darkest: 0.3, map: '#8f6bb8', query: '#3ddc84', ghost: '#e0a02a',
         ramp: ['#17c27b', '#f2d43d', '#ff4b33'], offMap: '#4aa8ff',
         yes: '#27d07f', no: '#ff5a45', unasked: '#59606e', amber: '#ffb52e', sky: '#9fd0ff',
     },
     light: {
-        background: '#f4f4f7', map: '#a58cc4', query: '#0f9d4f', ghost: '#d58a00',
+        background: '#f4f4f7', darkest: 0.55, map: '#a58cc4', query: '#0f9d4f', ghost: '#d58a00',
         ramp: ['#0fa763', '#eab308', '#dc2f1c'], offMap: '#2f7fe0',
         yes: '#12a25c', no: '#d9301f', unasked: '#9aa0ad', amber: '#c97a00', sky: '#2563b8',
     },
@@ -35,11 +35,11 @@ function makeView(scene, canvas, layer) {
     const sky = basic('#9fd0ff', 0.28);
     const about = new THREE.Group();
     stage.marks.add(about);
-    const ball = ballOf(clouds.sample);
-    scene.open.forEach((open) => about.add(openMark(open, 1.15 * ball.radius, amber)));
+    const radius = clouds.sample.reduce((r, p) => Math.max(r, p.length()), 0.5);
+    scene.open.forEach((open) => about.add(openMark(open, 1.15 * radius, amber)));
     const ellipsoid = scene.ellipsoid ? ellipsoidMark(scene.ellipsoid, sky) : null;
     if (ellipsoid) {
-        state.factor = exaggeration(scene.ellipsoid, ball.radius);
+        state.factor = exaggeration(scene.ellipsoid, radius);
         about.add(ellipsoid);
     }
     const patches = scene.patches ? patchMark(scene.patches, discMaterial(stage.shared, 0.5)) : null;
@@ -52,10 +52,15 @@ function makeView(scene, canvas, layer) {
     scene.open.forEach((open) => {
         const d = new THREE.Vector3(...open.direction);
         const slides = open.kind === 'translation';
-        overlay.tag('open', slides ? 'free to slide this way' : 'free to turn about this', () => d.clone().multiplyScalar((slides ? 0.75 : 0.6) * ball.radius).add(about.position), atAnswer);
+        overlay.tag('open', slides ? 'free to slide this way' : 'free to turn about this', () => d.clone().multiplyScalar((slides ? 0.75 : 0.6) * radius).add(about.position), atAnswer);
     });
+    if (ellipsoid) {
+        const tag = overlay.tag('doubt', '', () => about.position, atAnswer);
+        listeners.push(() => (tag.textContent = `95 % ellipsoid${state.factor > 1 ? `, drawn ×${state.factor}` : ''}`));
+    }
     scene.places.forEach((place, i) => {
-        const lift = new THREE.Vector3(0, 0, 0.35 * ball.radius);
+        const [, top] = heights(placementOf(place));
+        const lift = new THREE.Vector3(0, 0, top - place.at[2]);
         const tag = overlay.tag(
             place.rival ? 'pin rival' : 'pin',
             `${place.index + 1}`,
@@ -82,7 +87,7 @@ function makeView(scene, canvas, layer) {
     function heights(placement) {
         const m = matrixOf(placement);
         const v = new THREE.Vector3();
-        const z = clouds.sample.map((p) => v.set(...p).applyMatrix4(m).z).sort((a, b) => a - b);
+        const z = clouds.sample.map((p) => v.copy(p).applyMatrix4(m).z).sort((a, b) => a - b);
         return z.length ? [z[Math.floor(0.01 * z.length)], z[Math.floor(0.99 * (z.length - 1))]] : [0, 1];
     }
 
@@ -104,6 +109,7 @@ function makeView(scene, canvas, layer) {
         stage.shared.ramp.value = scheme.ramp.map(vectorOf);
         stage.shared.offMap.value = vectorOf(scheme.offMap);
         stage.shared.background.value = vectorOf(scheme.background);
+        stage.shared.darkest.value = scheme.darkest;
         const [r, g, b] = stage.shared.background.value;
         stage.renderer.setClearColor(`rgb(${Math.round(255 * r)}, ${Math.round(255 * g)}, ${Math.round(255 * b)})`, 1);
         amber.color.set(scheme.amber);
@@ -124,47 +130,44 @@ function makeView(scene, canvas, layer) {
         stage.ask();
     }
 
-    // The direction to look from: from above at a slant, across the query's long side.
-    function slant() {
-        const m = matrixOf(chosen());
-        const v = new THREE.Vector3();
+    // The direction to look at points from: from above at a slant, across their long side.
+    function slant(points) {
+        const middle = new THREE.Vector3();
+        points.forEach((p) => middle.addScaledVector(p, 1 / points.length));
         let [xx, xy, yy] = [0, 0, 0];
-        const middle = chosen().at;
-        clouds.sample.forEach((p) => {
-            v.set(...p).applyMatrix4(m).sub(middle);
-            xx += v.x * v.x;
-            xy += v.x * v.y;
-            yy += v.y * v.y;
+        points.forEach((p) => {
+            const [x, y] = [p.x - middle.x, p.y - middle.y];
+            xx += x * x;
+            xy += x * y;
+            yy += y * y;
         });
         let across = 0.5 * Math.atan2(2 * xy, xx - yy) + Math.PI / 2;
         if (Math.sin(across) > 0) across += Math.PI;
         return new THREE.Vector3(Math.cos(across + 0.35), Math.sin(across + 0.35), 1.15);
     }
 
-    function ballAt(placement) {
-        return { at: ball.at.clone().applyMatrix4(matrixOf(placement)), radius: ball.radius };
+    function sampleAt(placement) {
+        const m = matrixOf(placement);
+        return clouds.sample.map((p) => p.clone().applyMatrix4(m));
     }
 
-    // Everything that belongs in the picture for what is shown.
-    function balls() {
-        if (state.before) return [clouds.mapBall, ballAt(beforePlace)];
+    // Everything that belongs in the picture for what is shown, and how much room around it.
+    function subject() {
+        if (state.before) return { points: clouds.mapSample.concat(sampleAt(beforePlace)), room: 1.08 };
         const rivals = scene.verdict === 'ambiguous' ? scene.places.filter((p) => p.rival).map(placementOf) : [];
-        return [chosen(), ...rivals].map(ballAt);
+        const all = [chosen(), ...rivals].map(sampleAt);
+        return { points: all.flat(), room: rivals.length ? 1.2 : 1.45 };
     }
 
-    function around(all, wider) {
-        const middle = new THREE.Vector3();
-        all.forEach((b) => middle.addScaledVector(b.at, 1 / all.length));
-        return { at: middle, radius: wider * Math.max(...all.map((b) => b.at.distanceTo(middle) + b.radius)) };
-    }
-
-    function look(target, direction, gently) {
+    // Moves the camera, and the query if it has to, at once or gently.
+    function look({ points, room }, direction, gently, placement) {
         const { camera, controls } = stage;
-        const from = { eye: camera.position.clone(), target: controls.target.clone() };
-        const eye = stage.standpoint(target, direction);
+        const from = { eye: camera.position.clone(), target: controls.target.clone(), query: now };
+        const to = stage.standpoint(points, direction, room);
         const step = (t) => {
-            camera.position.lerpVectors(from.eye, eye, t);
-            controls.target.lerpVectors(from.target, target.at, t);
+            if (placement) put(blend(from.query, placement, t));
+            camera.position.lerpVectors(from.eye, to.eye, t);
+            controls.target.lerpVectors(from.target, to.target, t);
             controls.update();
         };
         if (gently) stage.animate(step);
@@ -174,24 +177,13 @@ function makeView(scene, canvas, layer) {
         }
     }
 
-    // Moves the query to where it is shown now, and the camera, if asked, to see it.
-    function go(then) {
-        const [from, to] = [now, chosen()];
-        const { camera, controls } = stage;
-        const start = { eye: camera.position.clone(), target: controls.target.clone() };
-        const direction = camera.position.clone().sub(controls.target);
-        const target = around(balls(), then);
-        const eye = stage.standpoint(target, direction);
-        stage.animate((t) => {
-            put(blend(from, to, t));
-            camera.position.lerpVectors(start.eye, eye, t);
-            controls.target.lerpVectors(start.target, target.at, t);
-            controls.update();
-        });
-        about.position.copy(to.at);
+    // Moves the query to where it is shown now, and the camera to see it from the side that it looks from.
+    function go() {
+        about.position.copy(chosen().at);
+        const direction = stage.camera.position.clone().sub(stage.controls.target);
+        look(subject(), direction, true, chosen());
     }
 
-    const CLOSE = 1.12;
     const view = {
         stage,
         state,
@@ -202,13 +194,13 @@ function makeView(scene, canvas, layer) {
             state.before = false;
             clouds.colourBy(i);
             show();
-            go(CLOSE);
+            go();
         },
         setBefore(before) {
             if (scene.places.length === 0) return;
             state.before = before;
             show();
-            go(before ? 1.02 : CLOSE);
+            go();
         },
         setColouring(colouring) {
             state.colouring = colouring;
@@ -231,29 +223,31 @@ function makeView(scene, canvas, layer) {
             show();
         },
         nearQuery() {
-            look(around(balls(), CLOSE), slant(), true);
+            const own = subject();
+            look(own, slant(own.points), true);
         },
         wholeMap() {
             state.cut = 1;
             show();
-            look(around([clouds.mapBall, ballAt(chosen())], 1.02), slant(), true);
+            const points = clouds.mapSample.concat(sampleAt(chosen()));
+            look({ points, room: 1.08 }, slant(points), true);
         },
         fromAbove() {
-            const { camera, controls } = stage;
-            const radius = camera.position.distanceTo(controls.target) * Math.sin((VIEW_ANGLE * Math.PI) / 360) * Math.min(camera.aspect, 1);
-            look({ at: controls.target.clone(), radius }, new THREE.Vector3(0, -0.001, 1), true);
+            look(subject(), new THREE.Vector3(0, -0.001, 1), true);
         },
         // Height of the cut over the query's middle, metres; null where there is none.
         cutHeight: () => (state.cut >= 1 ? null : heightOfCut() - chosen().at.z),
         begin(scheme) {
             state.scheme = scheme;
-            stage.extent = Math.max(clouds.mapBall.radius, 50) + new THREE.Vector3(...scene.before.at).length();
+            const all = clouds.mapSample.concat(sampleAt(beforePlace));
+            stage.extent = all.reduce((r, p) => Math.max(r, p.length()), 50);
             if (state.place >= 0) clouds.colourBy(state.place);
             put(chosen());
             about.position.copy(chosen().at);
             stage.fit();
             show();
-            look(around(balls(), CLOSE), slant(), false);
+            const own = subject();
+            look(own, slant(own.points), false);
         },
     };
     return view;

@@ -2,21 +2,27 @@
 
 use std::fmt::Write as _;
 
+use winze::config::VerifyConfig;
 use winze::{Outcome, PoseDistance, Verdict};
 
 use super::escape;
+use crate::criteria::meaning;
 use crate::scene::ellipsoid;
 
 /// Verdict and facts.
-pub(super) fn answer(outcome: &Outcome, error: Option<&PoseDistance>) -> String {
+pub(super) fn answer(
+    outcome: &Outcome,
+    error: Option<&PoseDistance>,
+    verify: &VerifyConfig,
+) -> String {
     let verdict = outcome.verdict;
     let mut out = format!(
-        "<header><div class=\"answer\"><div><h1 class=\"{}\"><span class=\"mark\" aria-hidden=\"true\"><b>{}</b></span>{}</h1>\
-         <p class=\"meaning\">{}</p></div></div>",
+        "<header><div class=\"answer\"><h1 class=\"{}\"><span class=\"mark\" aria-hidden=\"true\"><b>{}</b></span>{}</h1>\
+         <p class=\"meaning\">{}</p></div>",
         verdict.name(),
         mark(verdict),
         title(verdict),
-        meaning(verdict)
+        meaning(outcome, verify)
     );
     let facts = facts(outcome, error);
     if !facts.is_empty() {
@@ -51,27 +57,6 @@ fn mark(verdict: Verdict) -> &'static str {
         Verdict::Degenerate => "↔",
         Verdict::NotFound => "✕",
         Verdict::Insufficient => "…",
-    }
-}
-
-/// What a verdict means, and what to do about it.
-pub(super) fn meaning(verdict: Verdict) -> &'static str {
-    match verdict {
-        Verdict::Located => {
-            "The query lies in the map where it is shown below, and the rock itself says so."
-        }
-        Verdict::Ambiguous => {
-            "Several places in the map fit. Drive on a little and ask again; do not act on the first of them."
-        }
-        Verdict::Degenerate => {
-            "The query could slide or turn the way the arrows show. Trust the rest of the pose where the rock confirms the place; where it rests on its shape alone, another passage of that shape would answer alike."
-        }
-        Verdict::NotFound => {
-            "No pose can be believed: no place in this map has the query's shape, or none its rock, or the query is too bent for one pose. The pose shown is only the best of those tried."
-        }
-        Verdict::Insufficient => {
-            "The query holds too little geometry, or too little wall to ask, to say where it is."
-        }
     }
 }
 

@@ -64,7 +64,7 @@ pub fn page(report: &Report<'_>) -> String {
         out,
         "<a class=\"skip\" href=\"#view\">To the view</a>{}<div class=\"work\"><main>{}</main><div class=\"side\">{}{}</div></div>\
          <div class=\"below\">{}{}</div>{}</body></html>",
-        answer::answer(outcome, report.error),
+        answer::answer(outcome, report.error, report.verify),
         view::view(report),
         why::why(outcome, report.verify),
         places::places(outcome),

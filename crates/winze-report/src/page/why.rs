@@ -13,7 +13,10 @@ pub(super) fn why(outcome: &Outcome, verify: &VerifyConfig) -> String {
     let mut out = String::from(
         "<section class=\"card\" aria-labelledby=\"why\"><h2 id=\"why\">Why</h2><ul class=\"why\">",
     );
-    for c in criteria(outcome, verify) {
+    let mut rows = criteria(outcome, verify);
+    // What decides is read first.
+    rows.sort_by_key(|c| !c.decides);
+    for c in rows {
         let (class, mark, word) = match c.met {
             Some(true) => ("yes", "✓", "met"),
             Some(false) => ("no", "✕", "not met"),
@@ -23,7 +26,7 @@ pub(super) fn why(outcome: &Outcome, verify: &VerifyConfig) -> String {
         let _ = write!(
             out,
             "<li class=\"{class}{decides}\"><span class=\"met\" role=\"img\" aria-label=\"{word}\">{mark}</span><div>\
-             <div class=\"asks\">{}</div>{}<div class=\"found\">{}</div><div class=\"wanted\">{}</div></div></li>",
+             <div class=\"asks\">{}</div>{}<div class=\"found\">{} <span class=\"wanted\">{}</span></div></div></li>",
             c.asks,
             gauge(&c),
             escape(&c.found),
