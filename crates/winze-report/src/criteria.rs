@@ -383,11 +383,12 @@ fn weakest_direction(outcome: &Outcome, config: &VerifyConfig, sure: bool) -> Op
         DirectionKind::Translation => "sliding along",
         DirectionKind::Rotation => "turning about",
     };
-    let [x, y, z] = weakest.direction;
+    // Minus zero reads badly.
+    let [x, y, z] = weakest.direction.map(|v| (100.0 * v).round() / 100.0 + 0.0);
     Some(Criterion {
         asks: WEAKEST,
         found: format!(
-            "{} of what a point could tell holds it against {way} ({x:.2}, {y:.2}, {z:.2}), the weakest",
+            "against {way} ({x:.2}, {y:.2}, {z:.2}) a point tells {} of what it could, elsewhere more",
             fine_percent(weakest.information)
         ),
         wanted: format!("at least {}", fine_percent(least)),

@@ -7,8 +7,8 @@ const SCHEMES = {
         yes: '#27d07f', no: '#ff5a45', unasked: '#59606e', amber: '#ffb52e', sky: '#9fd0ff',
     },
     light: {
-        background: '#f4f4f7', darkest: 0.55, map: '#a58cc4', query: '#0f9d4f', ghost: '#d58a00',
-        ramp: ['#0fa763', '#eab308', '#dc2f1c'], offMap: '#2f7fe0',
+        background: '#f4f4f7', darkest: 0.66, map: '#a58cc4', query: '#0f9d4f', ghost: '#d58a00',
+        ramp: ['#10b46c', '#f0b400', '#dc2f1c'], offMap: '#2f7fe0',
         yes: '#12a25c', no: '#d9301f', unasked: '#9aa0ad', amber: '#c97a00', sky: '#2563b8',
     },
 };

@@ -62,8 +62,8 @@ pub fn page(report: &Report<'_>) -> String {
     let mut out = head(&format!("winze: {}", outcome.verdict), "");
     let _ = write!(
         out,
-        "<a class=\"skip\" href=\"#view\">To the view</a>{}<div class=\"work\"><main>{}</main><div class=\"side\">{}{}</div></div>\
-         <div class=\"below\">{}{}</div>{}</body></html>",
+        "<a class=\"skip\" href=\"#view\">To the view</a>{}<div class=\"work\"><main>{}</main><div class=\"side\">{}{}</div>\
+         <div class=\"below\">{}{}</div></div>{}</body></html>",
         answer::answer(outcome, report.error, report.verify),
         view::view(report),
         why::why(outcome, report.verify),

@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use winze::Outcome;
 use winze::outcome::RankedHypothesis;
+use winze::{Outcome, Verdict};
 
 use super::answer::length;
 use crate::scene;
@@ -18,9 +18,11 @@ pub(super) fn places(outcome: &Outcome) -> String {
         "<section class=\"card\" aria-labelledby=\"weighed\"><h2 id=\"weighed\">Places weighed</h2>\
          <div id=\"places\" role=\"radiogroup\" aria-labelledby=\"weighed\">",
     );
+    let believed = matches!(outcome.verdict, Verdict::Located | Verdict::Degenerate);
     for (row, (i, h)) in shown.iter().enumerate() {
         let (class, name) = match (i, h.rival) {
-            (0, _) => ("", "the answer"),
+            (0, _) if believed => ("", "the answer"),
+            (0, _) => ("", "the best guess"),
             (_, true) => (" rival", "cannot be ruled out"),
             (_, false) => ("", "ruled out"),
         };
@@ -41,7 +43,7 @@ pub(super) fn places(outcome: &Outcome) -> String {
     if hidden > 0 {
         let _ = write!(
             out,
-            "<p class=\"faint\">and {hidden} more, ruled out; the JSON has them</p>"
+            "<p class=\"faint\">and {hidden} more, ruled out, which the JSON has</p>"
         );
     }
     out + "</section>"
