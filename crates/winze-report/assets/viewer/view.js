@@ -156,7 +156,7 @@ function makeView(scene, canvas, layer) {
         if (state.before) return { points: clouds.mapSample.concat(sampleAt(beforePlace)), room: 1.08 };
         const rivals = scene.verdict === 'ambiguous' ? scene.places.filter((p) => p.rival).map(placementOf) : [];
         const all = [chosen(), ...rivals].map(sampleAt);
-        return { points: all.flat(), room: rivals.length ? 1.2 : 1.45 };
+        return { points: all.flat(), room: rivals.length ? 1.3 : 1.45 };
     }
 
     // Moves the camera, and the query if it has to, at once or gently.
@@ -223,8 +223,7 @@ function makeView(scene, canvas, layer) {
             show();
         },
         nearQuery() {
-            const own = subject();
-            look(own, slant(own.points), true);
+            look(subject(), slant(sampleAt(chosen())), true);
         },
         wholeMap() {
             state.cut = 1;
@@ -246,8 +245,7 @@ function makeView(scene, canvas, layer) {
             about.position.copy(chosen().at);
             stage.fit();
             show();
-            const own = subject();
-            look(own, slant(own.points), false);
+            look(subject(), slant(state.before ? subject().points : sampleAt(chosen())), false);
         },
     };
     return view;

@@ -9,35 +9,35 @@ use super::escape;
 use crate::criteria::meaning;
 use crate::scene::ellipsoid;
 
-/// Verdict and facts.
-pub(super) fn answer(
-    outcome: &Outcome,
-    error: Option<&PoseDistance>,
-    verify: &VerifyConfig,
-) -> String {
+/// The verdict in large, and what it means.
+pub(super) fn answer(outcome: &Outcome, verify: &VerifyConfig) -> String {
     let verdict = outcome.verdict;
-    let mut out = format!(
+    format!(
         "<header><div class=\"answer\"><h1 class=\"{}\"><span class=\"mark\" aria-hidden=\"true\"><b>{}</b></span>{}</h1>\
-         <p class=\"meaning\">{}</p></div>",
+         <p class=\"meaning\">{}</p></div></header>",
         verdict.name(),
         mark(verdict),
         title(verdict),
         meaning(outcome, verify)
-    );
+    )
+}
+
+/// The numbers that are asked for first.
+pub(super) fn fact_list(outcome: &Outcome, error: Option<&PoseDistance>) -> String {
     let facts = facts(outcome, error);
-    if !facts.is_empty() {
-        out += "<dl class=\"facts\">";
-        for (name, value, small) in facts {
-            let _ = write!(
-                out,
-                "<div><dt>{name}</dt><dd>{}<small>{}</small></dd></div>",
-                escape(&value),
-                escape(&small)
-            );
-        }
-        out += "</dl>";
+    if facts.is_empty() {
+        return String::new();
     }
-    out + "</header>"
+    let mut out = String::from("<dl class=\"facts\">");
+    for (name, value, small) in facts {
+        let _ = write!(
+            out,
+            "<div><dt>{name}</dt><dd>{}<small>{}</small></dd></div>",
+            escape(&value),
+            escape(&small)
+        );
+    }
+    out + "</dl>"
 }
 
 fn title(verdict: Verdict) -> &'static str {

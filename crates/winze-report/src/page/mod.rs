@@ -62,9 +62,10 @@ pub fn page(report: &Report<'_>) -> String {
     let mut out = head(&format!("winze: {}", outcome.verdict), "");
     let _ = write!(
         out,
-        "<a class=\"skip\" href=\"#view\">To the view</a>{}<div class=\"work\"><main>{}</main><div class=\"side\">{}{}</div>\
+        "<a class=\"skip\" href=\"#view\">To the view</a>{}<div class=\"work\">{}<main>{}</main><div class=\"side\">{}{}</div>\
          <div class=\"below\">{}{}</div></div>{}</body></html>",
-        answer::answer(outcome, report.error, report.verify),
+        answer::answer(outcome, report.verify),
+        answer::fact_list(outcome, report.error),
         view::view(report),
         why::why(outcome, report.verify),
         places::places(outcome),

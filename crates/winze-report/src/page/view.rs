@@ -40,16 +40,6 @@ pub(super) fn view(report: &Report<'_>) -> String {
         out += &group("Colours", &colours);
     }
     out += &looks();
-    out += "<label>Cut the roof<input type=\"range\" id=\"cut\" min=\"0\" max=\"100\" value=\"100\" title=\"[ and ]\"><output id=\"cut-says\" for=\"cut\"></output></label>";
-    if let Some(e) = scene.ellipsoid() {
-        let factors = [1, 10, 100, 1000].map(|f| format!("<option value=\"{f}\">×{f}</option>"));
-        let _ = write!(
-            out,
-            "<label>95 % ellipsoid (± {})<select id=\"factor\">{}</select></label>",
-            length(e.half[2]),
-            factors.concat()
-        );
-    }
     out += "</div><div class=\"stage\"><canvas id=\"view\" tabindex=\"0\" role=\"img\" aria-label=\"The query in the map, in three dimensions. Arrow keys turn it, plus and minus zoom.\"></canvas>\
             <div id=\"layer\"><p class=\"note\" data-only=\"before\" hidden>";
     out += &before(scene.moved());
@@ -61,6 +51,18 @@ pub(super) fn view(report: &Report<'_>) -> String {
         );
     }
     out += "</svg><div class=\"scale\" aria-hidden=\"true\"></div></div></div><p id=\"says\" class=\"skip\" role=\"status\"></p>";
+    out += "<div class=\"tools more\" role=\"toolbar\" aria-label=\"How it is shown\">";
+    out += "<label>Cut the roof<input type=\"range\" id=\"cut\" min=\"0\" max=\"100\" value=\"100\" title=\"[ and ]\"><output id=\"cut-says\" for=\"cut\"></output></label>";
+    if let Some(e) = scene.ellipsoid() {
+        let factors = [1, 10, 100, 1000].map(|f| format!("<option value=\"{f}\">×{f}</option>"));
+        let _ = write!(
+            out,
+            "<label>95 % ellipsoid (± {})<select id=\"factor\">{}</select></label>",
+            length(e.half[2]),
+            factors.concat()
+        );
+    }
+    out += "</div>";
     out += &legend(report);
     out += "<p class=\"keys\"><kbd>Tab</kbd> to the view, then <kbd>←</kbd><kbd>→</kbd><kbd>↑</kbd><kbd>↓</kbd> turn, with <kbd>Shift</kbd> move, <kbd>+</kbd><kbd>−</kbd> zoom · \
             <kbd>1</kbd>–<kbd>9</kbd> place · <kbd>B</kbd> before or after · <kbd>R</kbd> residuals · <kbd>G</kbd> plain · <kbd>P</kbd> rock · \
