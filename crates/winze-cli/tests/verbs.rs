@@ -48,7 +48,7 @@ fn the_demo_locates_its_query_and_shows_it() {
     for part in [
         "data:image/png;base64,",
         "default-src 'none'",
-        "id=\"scene\"",
+        "id=\"scene-0\"",
         "60 of 88 patches agree",
         "winze locate ",
     ] {

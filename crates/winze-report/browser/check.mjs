@@ -49,7 +49,7 @@ async function looks(url, name) {
             verdict: JSON.parse(document.getElementById('json').textContent).verdict,
             places: document.querySelectorAll('.place').length,
             patches: Boolean(document.querySelector('[data-colour="patches"]')),
-            open: JSON.parse(document.getElementById('scene').textContent).open.length,
+            open: JSON.parse(document.getElementById('scene-0').textContent).open.length,
         }));
         console.log(`  (${facts.verdict}, ${facts.places} places)`);
         await drawn(page, facts);

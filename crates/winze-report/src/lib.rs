@@ -18,7 +18,7 @@ pub use document::{Asked, Document, Source};
 pub use evaluation::{Evaluation, evaluation_page};
 pub use page::{Report, page};
 pub use picture::{before_and_after, thin};
-pub use scene::{Judged, Limits, Scene, scene};
+pub use scene::{Judged, Limits, Scene, scene, scene_of_run};
 pub use summary::summary;
 pub use table::Table;
 pub use thumbnail::thumbnail;

@@ -143,7 +143,14 @@ function makeStage(canvas) {
     };
 
     controls.addEventListener('change', stage.ask);
-    new ResizeObserver(stage.fit).observe(canvas.parentElement);
+    const resized = new ResizeObserver(stage.fit);
+    resized.observe(canvas.parentElement);
+    stage.end = function () {
+        resized.disconnect();
+        controls.dispose();
+        renderer.dispose();
+        renderer.forceContextLoss();
+    };
     return stage;
 }
 

@@ -116,7 +116,7 @@ function makeView(scene, canvas, layer) {
         sky.color.set(scheme.sky);
         clouds.map.visible = state.map;
         clouds.ghosts.forEach((ghost, i) => {
-            if (ghost) ghost.visible = !state.before && i !== state.place && scene.verdict === 'ambiguous';
+            if (ghost) ghost.visible = !state.before && i !== state.place && scene.ghosts;
         });
         about.visible = atAnswer();
         if (ellipsoid) ellipsoid.userData.size(state.factor);
@@ -154,7 +154,7 @@ function makeView(scene, canvas, layer) {
     // Everything that belongs in the picture for what is shown, and how much room around it.
     function subject() {
         if (state.before) return { points: clouds.mapSample.concat(sampleAt(beforePlace)), room: 1.08 };
-        const rivals = scene.verdict === 'ambiguous' ? scene.places.filter((p) => p.rival).map(placementOf) : [];
+        const rivals = scene.ghosts ? scene.places.filter((p) => p.rival).map(placementOf) : [];
         const all = [chosen(), ...rivals].map(sampleAt);
         return { points: all.flat(), room: rivals.length ? 1.3 : 1.45 };
     }

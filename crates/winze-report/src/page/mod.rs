@@ -4,7 +4,7 @@
 mod answer;
 mod places;
 mod run;
-mod view;
+pub(crate) mod view;
 mod why;
 
 use std::fmt::Write as _;
@@ -71,7 +71,7 @@ pub fn page(report: &Report<'_>) -> String {
         places::places(outcome),
         run::stages(outcome),
         run::again(report),
-        scripts(report.scene),
+        scripts(&[report.scene]),
     );
     out
 }
@@ -87,14 +87,22 @@ pub(crate) fn head(title: &str, more_style: &str) -> String {
     )
 }
 
-/// The scene, and what draws it.
-fn scripts(scene: &Scene) -> String {
-    format!(
-        "<script type=\"application/json\" id=\"scene\">{}</script>\n<script>/*\n{THREE_LICENCE}*/\n{THREE}</script>\n\
-         <script>(function () {{\n'use strict';\n{}}})();</script>",
-        in_script(&serde_json::to_string(scene).unwrap_or_default()),
+/// Scenes, the first of them shown, and what draws them.
+pub(crate) fn scripts(scenes: &[&Scene]) -> String {
+    let mut out = String::new();
+    for (i, scene) in scenes.iter().enumerate() {
+        let json = in_script(&serde_json::to_string(scene).unwrap_or_default());
+        let _ = writeln!(
+            out,
+            "<script type=\"application/json\" id=\"scene-{i}\">{json}</script>"
+        );
+    }
+    let _ = write!(
+        out,
+        "<script>/*\n{THREE_LICENCE}*/\n{THREE}</script>\n<script>(function () {{\n'use strict';\n{}}})();</script>",
         VIEWER.concat()
-    )
+    );
+    out
 }
 
 /// JSON that cannot end the element it stands in.

@@ -40,19 +40,10 @@ pub(super) fn view(report: &Report<'_>) -> String {
         out += &group("Colours", &colours);
     }
     out += &looks();
-    out += "</div><div class=\"stage\"><canvas id=\"view\" tabindex=\"0\" role=\"img\" aria-label=\"The query in the map, in three dimensions. Arrow keys turn it, plus and minus zoom.\"></canvas>\
-            <div id=\"layer\"><p class=\"note\" data-only=\"before\" hidden>";
-    out += &before(scene.moved());
-    out += "</p><svg class=\"axes\" viewBox=\"0 0 64 64\" aria-hidden=\"true\">";
-    for axis in ["x", "y", "z"] {
-        let _ = write!(
-            out,
-            "<line class=\"{axis}\" x1=\"32\" y1=\"32\" x2=\"32\" y2=\"32\"/><text class=\"{axis}\">{axis}</text>"
-        );
-    }
-    out += "</svg><div class=\"scale\" aria-hidden=\"true\"></div></div></div><p id=\"says\" class=\"skip\" role=\"status\"></p>";
+    out += "</div>";
+    out += &stage(&before(scene.moved()));
     out += "<div class=\"tools more\" role=\"toolbar\" aria-label=\"How it is shown\">";
-    out += "<label>Cut the roof<input type=\"range\" id=\"cut\" min=\"0\" max=\"100\" value=\"100\" title=\"[ and ]\"><output id=\"cut-says\" for=\"cut\"></output></label>";
+    out += CUT;
     if let Some(e) = scene.ellipsoid() {
         let factors = [1, 10, 100, 1000].map(|f| format!("<option value=\"{f}\">×{f}</option>"));
         let _ = write!(
@@ -76,6 +67,29 @@ pub(super) fn view(report: &Report<'_>) -> String {
     out
 }
 
+/// The canvas and what lies over it; `before` is said of the query as it came.
+pub(crate) fn stage(before: &str) -> String {
+    let mut out = String::from(
+        "<div class=\"stage\"><canvas id=\"view\" tabindex=\"0\" role=\"img\" aria-label=\"The query in the map, in three dimensions. Arrow keys turn it, plus and minus zoom.\"></canvas>\
+         <div id=\"layer\">",
+    );
+    let _ = write!(
+        out,
+        "<p class=\"note\" data-only=\"before\" hidden>{before}</p><svg class=\"axes\" viewBox=\"0 0 64 64\" aria-hidden=\"true\">"
+    );
+    for axis in ["x", "y", "z"] {
+        let _ = write!(
+            out,
+            "<line class=\"{axis}\" x1=\"32\" y1=\"32\" x2=\"32\" y2=\"32\"/><text class=\"{axis}\">{axis}</text>"
+        );
+    }
+    out += "</svg><div class=\"scale\" aria-hidden=\"true\"></div></div></div><p id=\"says\" class=\"skip\" role=\"status\"></p>";
+    out
+}
+
+/// How much of the roof is taken away.
+pub(crate) const CUT: &str = "<label>Cut the roof<input type=\"range\" id=\"cut\" min=\"0\" max=\"100\" value=\"100\" title=\"[ and ]\"><output id=\"cut-says\" for=\"cut\"></output></label>";
+
 fn group(name: &str, buttons: &[(&str, &str, &str)]) -> String {
     let mut out = format!("<div class=\"group\" role=\"group\" aria-label=\"{name}\">");
     for (data, text, title) in buttons {
@@ -87,7 +101,7 @@ fn group(name: &str, buttons: &[(&str, &str, &str)]) -> String {
     out + "</div>"
 }
 
-fn looks() -> String {
+pub(crate) fn looks() -> String {
     let looks = [
         ("nearQuery", "Query", "Q: look at the query"),
         ("wholeMap", "Whole map", "W: look at all of the map"),

@@ -12,7 +12,7 @@ use serde::Serialize;
 use winze::config::VerifyConfig;
 use winze::outcome::RankedHypothesis;
 use winze::prepare::Surface;
-use winze::{Cloud, Outcome, Verdict};
+use winze::{Cloud, Outcome, Pose, Verdict};
 
 use doubt::{Ellipsoid, Open};
 use places::{Colours, Patches, Place};
@@ -42,6 +42,12 @@ pub struct Limits {
 }
 
 impl Limits {
+    /// For one of several runs on a page.
+    pub const RUN: Self = Self {
+        map: 60_000,
+        query: 20_000,
+    };
+
     /// For a page about one answer: some ten megabytes.
     pub const PAGE: Self = Self {
         map: 1_200_000,
@@ -63,7 +69,8 @@ pub struct Judged<'a> {
 /// All of it, as the page's viewer reads it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Scene {
-    verdict: Verdict,
+    /// Other places of note are drawn beside the chosen one.
+    ghosts: bool,
     /// The scene's zero, in the map's frame, metres.
     origin: [f64; 3],
     map: Packed,
@@ -130,9 +137,8 @@ pub fn scene(
     let (packed, order) = Packed::of(&drawn, middle);
     let shown = shown(outcome);
     let in_order: Vec<[f64; 3]> = order.iter().map(|i| drawn.points[*i]).collect();
-    let verdict = outcome.verdict;
     Scene {
-        verdict,
+        ghosts: outcome.verdict == Verdict::Ambiguous,
         origin,
         before: before(&drawn_map.points, &drawn.points, middle, origin),
         map,
@@ -143,6 +149,56 @@ pub fn scene(
         open: doubt::open(outcome),
         ellipsoid: doubt::ellipsoid(outcome),
     }
+}
+
+/// The scene of an evaluated run: where the query was put, if anywhere, and where it is, if known, with the map around.
+#[must_use]
+pub fn scene_of_run(
+    map: &Cloud,
+    query: &Cloud,
+    found: Option<&Pose>,
+    truth: Option<&Pose>,
+    limits: Limits,
+) -> Scene {
+    let middle = query.centroid().unwrap_or_default();
+    let poses: Vec<&Pose> = found.into_iter().chain(truth).collect();
+    let near = around(map, query, middle, &poses);
+    let map_middle = near.centroid().unwrap_or_default();
+    let origin = poses.first().map_or(map_middle, |p| p.transform(middle));
+    let drawn_map = Thinned::of(&near, limits.map);
+    let drawn = Thinned::of(query, limits.query);
+    let before = before(&drawn_map.points, &drawn.points, middle, origin);
+    Scene {
+        ghosts: true,
+        origin,
+        before,
+        map: Packed::of(&drawn_map, origin).0,
+        query: Packed::of(&drawn, middle).0,
+        places: places::of_poses(&poses, middle, origin),
+        colours: None,
+        patches: None,
+        open: Vec::new(),
+        ellipsoid: None,
+    }
+}
+
+/// What of a map is shown around the places that a query is put at, in lengths of the query.
+const AROUND: f64 = 2.5;
+
+/// The map's points near any of the poses; all of them where there is none.
+fn around(map: &Cloud, query: &Cloud, middle: [f64; 3], poses: &[&Pose]) -> Cloud {
+    let far = |p: [f64; 3], c: [f64; 3]| winze::vec3::distance(p, c);
+    let size = query.iter().map(|p| far(p, middle)).fold(1.0, f64::max);
+    let centres: Vec<[f64; 3]> = poses.iter().map(|p| p.transform(middle)).collect();
+    if centres.is_empty() {
+        return map.clone();
+    }
+    let near = |p: [f64; 3]| centres.iter().any(|c| far(p, *c) < AROUND * size);
+    let chosen: Vec<u32> = (0u32..)
+        .zip(map.iter())
+        .filter_map(|(i, p)| near(p).then_some(i))
+        .collect();
+    map.select(&chosen)
 }
 
 /// In its own frame, or beside the map where that frame lies so far off that both would be specks.

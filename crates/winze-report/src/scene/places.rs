@@ -25,33 +25,49 @@ pub(super) struct Place {
     fine: f64,
 }
 
-/// Places for the viewer; `middle` is the query's centroid in its own frame, `origin` the scene's in the map's.
+impl Place {
+    /// `middle` is the query's centroid in its own frame, `origin` the scene's in the map's.
+    fn at(pose: &Pose, index: usize, middle: [f64; 3], origin: [f64; 3]) -> Self {
+        let at = pose.transform(middle);
+        let m = pose.to_matrix();
+        Self {
+            index,
+            rival: false,
+            at: std::array::from_fn(|a| at[a] - origin[a]),
+            turn: std::array::from_fn(|r| [m[r][0], m[r][1], m[r][2]]),
+            overlap: 0.0,
+            fine: 0.0,
+        }
+    }
+}
+
+/// Places for the viewer.
 pub(super) fn places(
     outcome: &Outcome,
     shown: &[(usize, &RankedHypothesis)],
     middle: [f64; 3],
     origin: [f64; 3],
 ) -> Vec<Place> {
-    let place = |index, pose: &Pose, rival, overlap, fine| {
-        let at = pose.transform(middle);
-        let m = pose.to_matrix();
-        Place {
-            index,
-            rival,
-            at: std::array::from_fn(|a| at[a] - origin[a]),
-            turn: std::array::from_fn(|r| [m[r][0], m[r][1], m[r][2]]),
-            overlap,
-            fine,
-        }
-    };
-    let of = |(i, h): &(usize, &RankedHypothesis)| {
-        place(*i, &h.map_from_query, h.rival, h.overlap, h.score)
+    let of = |(i, h): &(usize, &RankedHypothesis)| Place {
+        rival: h.rival,
+        overlap: h.overlap,
+        fine: h.score,
+        ..Place::at(&h.map_from_query, *i, middle, origin)
     };
     // A pose without hypotheses is shown too.
     match (&outcome.map_from_query, shown) {
-        (Some(pose), []) => vec![place(0, pose, false, 0.0, 0.0)],
+        (Some(pose), []) => of_poses(&[pose], middle, origin),
         _ => shown.iter().map(of).collect(),
     }
+}
+
+/// Places of which nothing is known but where they are; all but the first are of note.
+pub(super) fn of_poses(poses: &[&Pose], middle: [f64; 3], origin: [f64; 3]) -> Vec<Place> {
+    let place = |(i, pose): (usize, &&Pose)| Place {
+        rival: i > 0,
+        ..Place::at(pose, i, middle, origin)
+    };
+    poses.iter().enumerate().map(place).collect()
 }
 
 /// How far from the map's surface the query's points lie at each place, a byte a point.
