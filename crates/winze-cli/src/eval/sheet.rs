@@ -88,14 +88,15 @@ fn read_again(case: &Case, path: impl Fn(&Case) -> &PathBuf) -> Option<winze_io:
         .ok()
 }
 
-/// The worst failures, then right answers, of each family in turn.
+/// The worst failures, then right answers, one of each family and method.
 fn of_note<'a>(failures: &[&'a Run], runs: &'a [Run]) -> Vec<&'a Run> {
     let mut chosen: Vec<&Run> = failures.iter().copied().take(FAILED_VIEWS).collect();
     let right = runs.iter().filter(|r| r.mark.class == Class::Right);
-    let mut families: Vec<&str> = Vec::new();
+    let mut kinds: Vec<(&str, &str)> = Vec::new();
     for run in right {
-        if chosen.len() < VIEWS && !families.contains(&run.family.as_str()) {
-            families.push(&run.family);
+        let kind = (run.family.as_str(), run.method.as_str());
+        if chosen.len() < VIEWS && !kinds.contains(&kind) {
+            kinds.push(kind);
             chosen.push(run);
         }
     }

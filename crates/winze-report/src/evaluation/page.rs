@@ -11,6 +11,7 @@ use crate::page::{escape, head, scripts, view};
 use crate::scene::Scene;
 
 const OWN_STYLE: &str = "
+h2 { margin-top: 2rem; }
 .scroll { overflow-x: auto; } .scroll table { max-width: none; width: auto; white-space: nowrap; font-variant-numeric: tabular-nums; }
 th.text, td.text { text-align: left; } tr:nth-child(even) td { background: color-mix(in srgb, var(--ink) 5%, transparent); }
 figure { margin: 1.4rem 0; } figcaption { margin: .3rem 0; } figure img { max-width: 924px; } figure pre { margin: .3rem 0; font-size: .85rem; }
