@@ -1,13 +1,17 @@
 //! One small mine for each verdict: what is asked, what is answered, and a picture of it.
 //!
-//! Writes the picture of `docs/verdicts.md` and prints the sentences.
+//! Writes the picture of `docs/verdicts.md` and prints the sentences. Into a folder, if one is named too, it puts the clouds, a folder
+//! for each verdict, of which `winze locate` makes the pages of `docs/report.md`.
 //!
 //! ```sh
-//! cargo run --release --example verdicts -- docs/images/verdicts.png
+//! cargo run --release --example verdicts -- docs/images/verdicts.png mines
+//! winze locate mines/ambiguous/map.pcd mines/ambiguous/query.pcd --report ambiguous.html
 //! ```
 #![expect(clippy::print_stdout, reason = "it is what an example does")]
 
 mod common;
+
+use std::path::PathBuf;
 
 use common::{Result, random_frame};
 use winze::rng::Rng;
@@ -171,6 +175,7 @@ fn scenes() -> Vec<Scene> {
 
 fn main() -> Result<()> {
     let file = std::env::args().nth(1);
+    let folder = std::env::args().nth(2).map(PathBuf::from);
     let scenes = scenes();
     let mut thumbs = Vec::new();
     for (i, scene) in (0u64..).zip(&scenes) {
@@ -178,6 +183,13 @@ fn main() -> Result<()> {
         let query: Vec<[f64; 3]> = scene.query.iter().map(|p| frame.transform(*p)).collect();
         let (map, _) = Cloud::from_points(&scene.map)?;
         let (query_cloud, _) = Cloud::from_points(&query)?;
+        if let Some(folder) = &folder {
+            let own = folder.join(scene.expected.name());
+            std::fs::create_dir_all(&own)?;
+            for (name, cloud) in [("map.pcd", &map), ("query.pcd", &query_cloud)] {
+                winze_io::write_cloud(&own.join(name), cloud, &Default::default())?;
+            }
+        }
         let outcome = winze::locate(&map, &query_cloud, &Config::default())?;
         println!(
             "{}: {:?}\n  {}",

@@ -4,14 +4,16 @@ use std::process::ExitCode;
 
 use std::path::Path;
 
-use winze::{Request, outcome::Stage};
+use winze::{KeptMap, KeptQuery, Request, outcome::Stage};
 use winze_io::{write_cloud, write_transform};
 use winze_report::{Document, Source};
 
 use crate::args::{Demo, Global, Locate};
+use crate::command::quoted;
 use crate::config;
 use crate::locate::Answer;
 use crate::output::{claim_folder, talk};
+use crate::page::Page;
 use crate::progress::Progress;
 
 pub(crate) fn run(args: &Demo, global: &Global) -> anyhow::Result<ExitCode> {
@@ -37,7 +39,9 @@ pub(crate) fn run(args: &Demo, global: &Global) -> anyhow::Result<ExitCode> {
         progress: Some(&told),
         ..Request::default()
     };
-    let outcome = winze::locate_by(&scene.map, &scene.query, &config, &request)?;
+    let mut kept_map = KeptMap::new(&scene.map);
+    let mut kept_query = KeptQuery::new(&scene.query);
+    let outcome = winze::locate_in(&mut kept_map, &mut kept_query, &config, &request)?;
     let error = outcome.error(&scene.map_from_query, &scene.query);
     let source = |points| Source {
         path: None,
@@ -53,12 +57,22 @@ pub(crate) fn run(args: &Demo, global: &Global) -> anyhow::Result<ExitCode> {
         source(scene.query.len()),
     );
     progress.say("draw");
+    let again = format!(
+        "winze locate {} {} --truth {} --seed {}",
+        shell(&map),
+        shell(&query),
+        shell(&truth),
+        config.seed
+    );
+    let kept = (&mut kept_map, &mut kept_query);
+    let page = Page::of(&scene.map, kept, &outcome, &config, again)?;
     let answer = Answer {
         map: &scene.map,
         query: &scene.query,
         outcome: &outcome,
         error,
         document,
+        page: Some(page),
     };
     let wanted = Locate {
         map: map.clone(),
@@ -88,6 +102,11 @@ pub(crate) fn run(args: &Demo, global: &Global) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// A path as a word of a shell.
+fn shell(path: &Path) -> String {
+    quoted(&path.display().to_string())
+}
+
 /// What is in a folder of the demo, and the sign that it is one.
 const CONTENTS: &str = "Made by `winze demo`, which writes over these files when it is run again.
 
@@ -96,7 +115,7 @@ query.pcd             a drive through a part of it, in a frame of its own
 truth.txt             the true map_from_query, a 4x4 matrix that takes query points to the map
 outcome.json          the answer, for programs
 before_and_after.png  the answer, to look at
-report.html           a page with both
+report.html           the answer as a page: the mine to be turned, and why
 aligned.pcd           the query as it lies in the map
 ";
 const SIGN: &str = "README.txt";

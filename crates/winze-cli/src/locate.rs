@@ -12,10 +12,11 @@ use winze_io::{CloudFile, Format, ReadOptions, atomic, read_cloud, read_transfor
 use winze_report::{Document, Source};
 
 use crate::args::{Global, Locate};
-use crate::config;
 use crate::output::{check_outputs, is_broken_pipe, print, talk};
+use crate::page::Page;
 use crate::prior::Prior;
 use crate::progress::Progress;
+use crate::{command, config};
 
 pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
     check(args, global)?;
@@ -56,8 +57,9 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
         progress: Some(&told),
     };
     let mut kept_query = KeptQuery::new(&query.cloud);
-    let mut outcome = winze::locate_in(&mut map.kept(), &mut kept_query, &config, &request)
-        .map_err(|e| {
+    let mut kept_map = map.kept();
+    let mut outcome =
+        winze::locate_in(&mut kept_map, &mut kept_query, &config, &request).map_err(|e| {
             let of_map = matches!(e, winze::Error::EmptyMap { .. });
             let file = of_map.then(|| args.map.display().to_string());
             let option = matches!(e, winze::Error::EmptyRegion { .. }).then(|| "--near".to_owned());
@@ -87,12 +89,22 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
     } else {
         Cow::Owned(Cloud::default())
     };
+    let page = match args.report {
+        Some(_) => {
+            progress.say("draw");
+            let command = command::command();
+            let kept = (&mut kept_map, &mut kept_query);
+            Some(Page::of(&picture, kept, &outcome, &config, command)?)
+        }
+        None => None,
+    };
     let answer = Answer {
         map: &picture,
         query: &query.cloud,
         outcome: &outcome,
         error,
         document,
+        page,
     };
     // Files last: a full disk must not cost the answer.
     progress.finish();
@@ -167,6 +179,8 @@ pub(crate) struct Answer<'a> {
     pub(crate) outcome: &'a Outcome,
     pub(crate) error: Option<PoseDistance>,
     pub(crate) document: Document,
+    /// What the page shows besides, where one is asked for.
+    pub(crate) page: Option<Page>,
 }
 
 impl Answer<'_> {
@@ -191,10 +205,8 @@ impl Answer<'_> {
             if let Some(path) = &args.picture {
                 note(file(path, &png));
             }
-            if let Some(path) = &args.report {
-                let page =
-                    winze_report::page(self.outcome, self.error.as_ref(), &self.document, &png);
-                note(file(path, page.as_bytes()));
+            if let (Some(path), Some(page)) = (&args.report, &self.page) {
+                note(file(path, page.html(self, &png).as_bytes()));
             }
         }
         trouble

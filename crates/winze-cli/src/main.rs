@@ -4,6 +4,7 @@
 //! error; of every other verb: 0 done, 2 error.
 
 mod args;
+mod command;
 mod config;
 mod convert;
 mod demo;
@@ -13,6 +14,7 @@ mod info;
 mod locate;
 mod map;
 mod output;
+mod page;
 mod prior;
 mod progress;
 mod sim;

@@ -104,9 +104,9 @@ pub struct Document {
     method: &'static str,
     seed: u64,
     request: Asked,
-    config_digest: String,
-    map: Source,
-    query: Source,
+    pub(crate) config_digest: String,
+    pub(crate) map: Source,
+    pub(crate) query: Source,
 }
 
 impl Document {

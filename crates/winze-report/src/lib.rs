@@ -3,10 +3,12 @@
 
 pub mod canvas;
 pub mod contact_sheet;
+pub mod criteria;
 pub mod document;
 pub mod evaluation;
 pub mod page;
 pub mod picture;
+pub mod scene;
 pub mod summary;
 pub mod table;
 pub mod thumbnail;
@@ -14,8 +16,9 @@ pub mod thumbnail;
 pub use contact_sheet::{Thumb, contact_sheet};
 pub use document::{Asked, Document, Source};
 pub use evaluation::{Evaluation, evaluation_page};
-pub use page::page;
+pub use page::{Report, page};
 pub use picture::{before_and_after, thin};
+pub use scene::{Judged, Limits, Scene, scene, scene_of_run};
 pub use summary::summary;
 pub use table::Table;
 pub use thumbnail::thumbnail;

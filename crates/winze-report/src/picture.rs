@@ -237,6 +237,11 @@ impl Apart {
         std::array::from_fn(|a| p[a] + self.shift[a])
     }
 
+    /// How far the query was moved for that; 0 where it was not.
+    pub(crate) fn metres(&self) -> f64 {
+        self.metres
+    }
+
     fn title(&self, text: &str) -> String {
         if self.metres > 0.0 {
             let km = self.metres / 1000.0;

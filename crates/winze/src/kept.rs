@@ -252,6 +252,23 @@ impl<'a> KeptMap<'a> {
         }
     }
 
+    /// The surface that an answer at `voxel` metres was judged on ([`Outcome::voxel`](crate::Outcome::voxel)), to look closer at it.
+    ///
+    /// # Errors
+    /// [`Error::Map`](crate::Error::Map) where a prepared map is damaged.
+    pub fn surface(&mut self, voxel: f64, config: &Config) -> Result<&Surface<'a>> {
+        self.settle(config)?;
+        Ok(&self.at(voxel, config)?.surface)
+    }
+
+    /// How an answer at `voxel` metres was verified: lengths that depend on the map are settled.
+    #[must_use]
+    pub fn verification(&mut self, voxel: f64, config: &Config) -> VerifyConfig {
+        let measured = config.scale.voxel <= 0.0;
+        let measure = if measured { self.measure(config) } else { None };
+        config.verify.at(voxel, measure.and_then(|m| m.width))
+    }
+
     /// Makes what [`KeptMap::inliers`] looks things up in; how many points that has.
     pub(crate) fn reference(&mut self) -> Result<usize> {
         match self.compared() {
@@ -399,6 +416,12 @@ impl<'a> KeptQuery<'a> {
     #[must_use]
     pub fn cloud(&self) -> &'a Cloud {
         self.cloud
+    }
+
+    /// The surface by which an answer at `voxel` metres was judged ([`Outcome::voxel`](crate::Outcome::voxel)), to look closer at it.
+    pub fn surface(&mut self, voxel: f64, config: &Config) -> &Surface<'static> {
+        self.settle(config);
+        &self.at(voxel, config).surface
     }
 
     /// Drops what other settings gave.

@@ -90,6 +90,12 @@ impl Patch {
     pub fn centre(&self) -> [f64; 3] {
         self.centre
     }
+
+    /// Its mean unit normal.
+    #[must_use]
+    pub fn normal(&self) -> [f64; 3] {
+        self.normal
+    }
 }
 
 /// The patches of `query`, of about `size` metres, at most `most` of them, evenly chosen.
@@ -161,12 +167,7 @@ pub fn ask(
     pose_of: &(dyn Fn(&Patch) -> Pose + Sync),
     lengths: [f64; 2],
 ) -> Relief {
-    let answer = |patch: &Patch| {
-        let pose = pose_of(patch).between_origins(map.origin, query_origin);
-        confirms(map, patch, &pose, lengths)
-    };
-    let answers: Vec<Option<bool>> = patches.par_iter().map(answer).collect();
-    answers
+    answers(map, query_origin, patches, pose_of, lengths)
         .into_iter()
         .flatten()
         .fold(Relief::default(), |r, yes| Relief {
@@ -174,6 +175,22 @@ pub fn ask(
             confirmed: r.confirmed + usize::from(yes),
             ..r
         })
+}
+
+/// What each patch says, as [`ask`] asks it; `None` where the map has too little surface around to ask.
+#[must_use]
+pub fn answers(
+    map: &Surface<'_>,
+    query_origin: [f64; 3],
+    patches: &[Patch],
+    pose_of: &(dyn Fn(&Patch) -> Pose + Sync),
+    lengths: [f64; 2],
+) -> Vec<Option<bool>> {
+    let answer = |patch: &Patch| {
+        let pose = pose_of(patch).between_origins(map.origin, query_origin);
+        confirms(map, patch, &pose, lengths)
+    };
+    patches.par_iter().map(answer).collect()
 }
 
 /// Whether a patch lies most finely where the pose puts it; `None` where the map has too little surface around.

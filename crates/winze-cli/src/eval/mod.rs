@@ -22,11 +22,11 @@ use winze_report::evaluation::{
 };
 
 use crate::args::{Eval, Global};
+use crate::command::command;
 use crate::config;
 use crate::output::{check_outputs, print, talk};
 use ask::{Asked, ask, shared_out};
 use cases::{Case, Choice};
-use commands::command;
 use journal::{Head, Journal};
 
 pub(crate) use worker::run as run_worker;

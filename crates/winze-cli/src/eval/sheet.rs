@@ -1,10 +1,10 @@
-//! The failures as pictures, for the page.
+//! The failures as pictures, and runs of note to be turned, for the page.
 
 use std::path::{Path, PathBuf};
 
 use winze::Pose;
-use winze_report::evaluation::{Class, Evaluation, Exhibit, Run};
-use winze_report::{evaluation_page, thumbnail};
+use winze_report::evaluation::{Class, Evaluation, Exhibit, Run, RunView};
+use winze_report::{Limits, evaluation_page, scene_of_run, thumbnail};
 
 use super::cases::Case;
 use super::worker::figure_name;
@@ -14,6 +14,9 @@ use crate::progress::Progress;
 
 /// Pictures on a page at most.
 const MOST: usize = 36;
+/// Runs on it that can be turned, at most; so many of them failures.
+const VIEWS: usize = 8;
+const FAILED_VIEWS: usize = 6;
 
 /// The page, with a picture of each of the worst failures.
 pub(super) fn page(
@@ -23,9 +26,12 @@ pub(super) fn page(
     global: &Global,
 ) -> anyhow::Result<String> {
     let failures = failures(&evaluation.runs);
+    let viewed = of_note(&failures, &evaluation.runs);
+    let unseen = viewed.iter().skip(failures.len().min(FAILED_VIEWS));
     let mut shown: Vec<(usize, &Run, &Case)> = failures
         .iter()
         .take(MOST)
+        .chain(unseen)
         .enumerate()
         .filter_map(|(i, r)| Some((i, *r, chosen.iter().find(|c| c.name == r.case)?)))
         .collect();
@@ -33,6 +39,7 @@ pub(super) fn page(
     shown.sort_by(|a, b| a.2.map.cmp(&b.2.map));
     let progress = Progress::counted(global.quiet, shown.len());
     let mut exhibits: Vec<(usize, Exhibit<'_>)> = Vec::new();
+    let mut views: Vec<(usize, RunView<'_>)> = Vec::new();
     for group in shown.chunk_by(|a, b| a.2.map == b.2.map) {
         let Some(map) = group.first().and_then(|g| read_again(g.2, |c| &c.map)) else {
             continue;
@@ -44,13 +51,22 @@ pub(super) fn page(
             };
             let found = run.map_from_query.map(Pose::from_matrix).transpose()?;
             let truth = case.truth()?.truth;
-            let png = thumbnail(&map.cloud, &query.cloud, found.as_ref(), truth.as_ref())?;
-            exhibits.push((*i, Exhibit { run, png }));
+            let poses = (found.as_ref(), truth.as_ref());
+            if viewed.iter().any(|v| std::ptr::eq(*v, *run)) {
+                let scene = scene_of_run(&map.cloud, &query.cloud, poses.0, poses.1, Limits::RUN);
+                views.push((*i, RunView { run, scene }));
+            }
+            if run.mark.class != Class::Right {
+                let png = thumbnail(&map.cloud, &query.cloud, poses.0, poses.1)?;
+                exhibits.push((*i, Exhibit { run, png }));
+            }
         }
     }
     progress.finish();
     exhibits.sort_by_key(|(i, _)| *i);
     let exhibits: Vec<Exhibit<'_>> = exhibits.into_iter().map(|(_, e)| e).collect();
+    views.sort_by_key(|(i, _)| *i);
+    let views: Vec<RunView<'_>> = views.into_iter().map(|(_, v)| v).collect();
     let drawn = |case: &Case| {
         let png = std::fs::read(figures?.join(figure_name(&case.name))).ok()?;
         Some((case.name.clone(), png))
@@ -60,6 +76,7 @@ pub(super) fn page(
         evaluation,
         &exhibits,
         failures.len(),
+        &views,
         &figures,
     ))
 }
@@ -69,6 +86,21 @@ fn read_again(case: &Case, path: impl Fn(&Case) -> &PathBuf) -> Option<winze_io:
     read(path(case))
         .inspect_err(|e| tracing::warn!("no picture of {}: {e:#}", case.name))
         .ok()
+}
+
+/// The worst failures, then right answers, one of each family and method.
+fn of_note<'a>(failures: &[&'a Run], runs: &'a [Run]) -> Vec<&'a Run> {
+    let mut chosen: Vec<&Run> = failures.iter().copied().take(FAILED_VIEWS).collect();
+    let right = runs.iter().filter(|r| r.mark.class == Class::Right);
+    let mut kinds: Vec<(&str, &str)> = Vec::new();
+    for run in right {
+        let kind = (run.family.as_str(), run.method.as_str());
+        if chosen.len() < VIEWS && !kinds.contains(&kind) {
+            kinds.push(kind);
+            chosen.push(run);
+        }
+    }
+    chosen
 }
 
 /// What went wrong, the worst first: wrong accepts, wrong poses, refusals; within each the methods by

@@ -26,7 +26,7 @@ pub use calibration::{Bin, Calibration, calibrations};
 pub use coverage::{Coverage, Covered, PoseError, Uncertainty, coverages};
 pub use labels::{Labelled, Labels, labels};
 pub use mark::{Case, Class, Direction, Mark, Tolerance, mark};
-pub use page::{Exhibit, evaluation_page};
+pub use page::{Exhibit, RunView, evaluation_page};
 pub use paper::{CLOUDS, Paper, PaperCell};
 pub use rates::{Quantiles, Rate, quantile};
 pub use reliability::reliability;

@@ -1,4 +1,4 @@
-//! The evaluation as one page to look at in a browser or to send on: no network, no scripts.
+//! The evaluation as one page to look at in a browser or to send on, all in one file.
 
 use std::fmt::Write as _;
 
@@ -10,13 +10,18 @@ use super::tables::{
     accuracy, answers, bin_table, calibration_table, costs, coverage_table, label_table, step_table,
 };
 use super::{Class, Evaluation, Run};
-use crate::page::{STYLE, escape};
+use crate::page::{escape, head, scripts, view};
+use crate::scene::Scene;
 
 const OWN_STYLE: &str = "
+h2 { margin-top: 2rem; }
 .scroll { overflow-x: auto; } .scroll table { max-width: none; width: auto; white-space: nowrap; font-variant-numeric: tabular-nums; }
 th.text, td.text { text-align: left; } tr:nth-child(even) td { background: color-mix(in srgb, var(--ink) 5%, transparent); }
 figure { margin: 1.4rem 0; } figcaption { margin: .3rem 0; } figure img { max-width: 924px; } figure pre { margin: .3rem 0; font-size: .85rem; }
-.wrong_accept { color: #d63a34; } .wrong_pose { color: #c98500; }";
+.wrong_accept { color: var(--bad); } .wrong_pose { color: var(--doubt); } .runs { display: none; } .live .runs { display: block; }
+.run-list { display: flex; flex-wrap: wrap; gap: .4rem; margin: .6rem 0; } .run-list button { border: 1px solid var(--line); background: var(--card); border-radius: 8px; padding: .3rem .7rem; cursor: pointer; font-size: .88rem; }
+.run-list button[aria-pressed=\"true\"] { border-color: var(--accent); box-shadow: inset 0 -3px 0 var(--accent); }
+#places .place { display: block; width: auto; border-radius: 0; } #places { display: inline-flex; gap: 0; padding: 0; }";
 
 /// A failure and its picture.
 #[derive(Debug, Clone)]
@@ -27,23 +32,30 @@ pub struct Exhibit<'a> {
     pub png: Vec<u8>,
 }
 
+/// A run to be turned and looked at.
+#[derive(Debug, Clone)]
+pub struct RunView<'a> {
+    /// The run.
+    pub run: &'a Run,
+    /// Where it was put, and where it is.
+    pub scene: Scene,
+}
+
 /// The whole page: tables, then the failures, the worst first. `failures` is how many there were, of which
-/// the exhibits show some. `figures` are pictures to show beside the paper's tables, with their names.
+/// the exhibits show some. `views` are runs of note, to be turned. `figures` are pictures to show beside the paper's tables, with their names.
 #[must_use]
 pub fn evaluation_page(
     evaluation: &Evaluation,
     exhibits: &[Exhibit<'_>],
     failures: usize,
+    views: &[RunView<'_>],
     figures: &[(String, Vec<u8>)],
 ) -> String {
     let e = evaluation;
-    let mut out = String::new();
+    let mut out = head("winze eval", OWN_STYLE);
     let _ = write!(
         out,
-        "<!doctype html><html lang=\"en\"><head><meta charset=\"utf-8\">\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-         <title>winze eval</title><style>{STYLE}{OWN_STYLE}</style></head><body>\
-         <h1>winze eval</h1><pre>{}</pre><p>winze {}, settings {}</p>",
+        "<h1>winze eval</h1><pre>{}</pre><p>winze {}, settings {}</p>",
         escape(&e.command),
         escape(e.winze),
         escape(&e.config_digest)
@@ -112,6 +124,7 @@ pub fn evaluation_page(
         }
         out += "</ul>";
     }
+    run_views(&mut out, views);
     let _ = write!(
         out,
         "<h2>Failures</h2><p>{} of {failures} shown: wrong accepts first, then wrong poses, then refusals. \
@@ -121,7 +134,51 @@ pub fn evaluation_page(
     for exhibit in exhibits {
         figure(&mut out, exhibit);
     }
+    let scenes: Vec<&Scene> = views.iter().map(|v| &v.scene).collect();
+    if !scenes.is_empty() {
+        out += &scripts(&scenes);
+    }
     out + "</body></html>\n"
+}
+
+/// One view, and the runs that it can show.
+fn run_views(out: &mut String, views: &[RunView<'_>]) {
+    if views.is_empty() {
+        return;
+    }
+    *out += "<section class=\"runs\"><h2>Runs of note, in the map around them</h2>\
+             <p>What went wrong first. Green is the query where it is chosen to lie, amber where else.</p>\
+             <div class=\"run-list\" role=\"group\" aria-label=\"Runs\">";
+    for (i, v) in views.iter().enumerate() {
+        let (class, words) = worth(v.run);
+        let _ = write!(
+            out,
+            "<button type=\"button\" data-run=\"{i}\" aria-pressed=\"{}\"><b class=\"{class}\">{words}</b> {}, {}</button>",
+            i == 0,
+            escape(&v.run.case),
+            escape(&v.run.method)
+        );
+    }
+    *out += "</div>";
+    for (i, v) in views.iter().enumerate() {
+        let hidden = if i > 0 { " hidden" } else { "" };
+        let verdict = v.run.verdict.map_or("broken off", winze::Verdict::name);
+        let _ = write!(
+            out,
+            "<p data-about=\"{i}\"{hidden}><b>{verdict}</b>{}: {}</p>",
+            error(v.run),
+            escape(&v.run.reason)
+        );
+    }
+    let _ = write!(
+        out,
+        "<div class=\"tools\"><div class=\"group\" id=\"places\" role=\"radiogroup\" aria-label=\"The query\">\
+         <button type=\"button\" role=\"radio\" class=\"place\">1: where it was put</button>\
+         <button type=\"button\" role=\"radio\" class=\"place\">2: where it is</button></div>{}{}</div>{}</section>",
+        view::looks(),
+        view::CUT,
+        view::stage("The query has no pose here: it is drawn as it came.")
+    );
 }
 
 const ANSWERS: &str = "Recall: located within the case's tolerance, of the cases whose query is in the map, at a place \
@@ -146,17 +203,30 @@ const ACCURACY: &str = "Errors are those of the query's centroid, over the runs 
      unobservable. Inliers and RMSE are the paper's, medians over all runs with a pose. Seconds are an answer's, the map at hand, \
      files read. All: displacement over every pose of a query that is in the map, right or wrong.";
 
-fn figure(out: &mut String, exhibit: &Exhibit<'_>) {
-    let run = exhibit.run;
-    let (class, words) = match run.mark.class {
+/// What a run is worth, as a class and in words.
+fn worth(run: &Run) -> (&'static str, &'static str) {
+    match run.mark.class {
         Class::WrongAccept => ("wrong_accept", "wrong accept"),
-        _ if !run.mark.pose_right && run.mark.has_truth => ("wrong_pose", "wrong pose"),
-        _ => ("refusal", "refusal"),
-    };
-    let error = match (run.mark.translation_m, run.mark.rotation_deg) {
+        Class::Right => ("located", "right"),
+        Class::Refusal if !run.mark.pose_right && run.mark.has_truth => {
+            ("wrong_pose", "wrong pose")
+        }
+        Class::Refusal => ("refusal", "refusal"),
+    }
+}
+
+/// How far from the truth, where both are known.
+fn error(run: &Run) -> String {
+    match (run.mark.translation_m, run.mark.rotation_deg) {
         (Some(m), Some(deg)) => format!(", {m:.2} m and {deg:.1}° from the truth"),
         _ => String::new(),
-    };
+    }
+}
+
+fn figure(out: &mut String, exhibit: &Exhibit<'_>) {
+    let run = exhibit.run;
+    let (class, words) = worth(run);
+    let error = error(run);
     let alternative = if run.mark.at_alternative {
         ", at an alternative that the case lists"
     } else {
@@ -209,7 +279,7 @@ mod tests {
             run: &runs[0],
             png: vec![1, 2, 3],
         };
-        let page = evaluation_page(&evaluation, &[exhibit], 1, &[]);
+        let page = evaluation_page(&evaluation, &[exhibit], 1, &[], &[]);
         for part in [
             "1 of 1 shown",
             "wrong accept",
@@ -220,6 +290,6 @@ mod tests {
         ] {
             assert!(page.contains(part), "{part}");
         }
-        assert!(!page.contains("http") && !page.contains("<script") && !page.contains("a<b"));
+        assert!(!page.contains("src=\"http") && !page.contains("<script") && !page.contains("a<b"));
     }
 }

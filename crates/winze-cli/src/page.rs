@@ -1,0 +1,58 @@
+//! The page about one answer: what it shows besides the answer itself.
+
+use winze::config::VerifyConfig;
+use winze::{Cloud, Config, KeptMap, KeptQuery, Outcome};
+use winze_report::{Judged, Limits, Report, Scene, scene};
+
+use crate::locate::Answer;
+
+/// What a page needs that an [`Answer`] does not have.
+pub(crate) struct Page {
+    scene: Scene,
+    verify: VerifyConfig,
+    command: String,
+}
+
+impl Page {
+    /// Of an `outcome` that was just had from the map and the query; `map` is what is drawn of the former.
+    pub(crate) fn of(
+        map: &Cloud,
+        (kept_map, kept_query): (&mut KeptMap<'_>, &mut KeptQuery<'_>),
+        outcome: &Outcome,
+        config: &Config,
+        command: String,
+    ) -> anyhow::Result<Self> {
+        let query = kept_query.cloud();
+        let Some(voxel) = outcome.voxel.filter(|_| outcome.map_from_query.is_some()) else {
+            return Ok(Self {
+                scene: scene(map, query, outcome, None, Limits::PAGE),
+                verify: config.verify.clone(),
+                command,
+            });
+        };
+        let verify = kept_map.verification(voxel, config);
+        let judged = Judged {
+            map: kept_map.surface(voxel, config)?,
+            query: kept_query.surface(voxel, config),
+            verify: &verify,
+        };
+        Ok(Self {
+            scene: scene(map, query, outcome, Some(judged), Limits::PAGE),
+            verify,
+            command,
+        })
+    }
+
+    /// The page; `png` is the picture for browsers that show nothing else.
+    pub(crate) fn html(&self, answer: &Answer<'_>, png: &[u8]) -> String {
+        winze_report::page(&Report {
+            outcome: answer.outcome,
+            error: answer.error.as_ref(),
+            document: &answer.document,
+            verify: &self.verify,
+            command: &self.command,
+            scene: &self.scene,
+            png,
+        })
+    }
+}
