@@ -57,6 +57,11 @@ pub(crate) enum Verb {
     /// Exits with 0 where the query is located, 1 where the answer is another one (ambiguous,
     /// degenerate, not_found, insufficient), 2 on an error.
     Locate(Locate),
+    /// Answer a question again that `winze locate --bundle` kept, with the settings of then, and say whether the
+    /// answer is the same.
+    ///
+    /// Exits as `locate` does where the answer is the one given then, to the bit, with 2 where it is not.
+    Replay(Replay),
     /// Prepare a map once and keep it: build, info, check.
     #[command(subcommand)]
     Map(MapVerb),
@@ -112,6 +117,31 @@ pub(crate) struct Locate {
     /// The true map_from_query, a 4x4 matrix in a text file: adds the pose error.
     #[arg(long, value_name = "T.txt")]
     pub(crate) truth: Option<PathBuf>,
+    /// Write the outcome as JSON; `-` for stdout, the summary then goes to stderr.
+    #[arg(long, value_name = "FILE|-")]
+    pub(crate) json: Option<PathBuf>,
+    /// Write a page with the answer, the picture and the stages, to look at in a browser.
+    #[arg(long, value_name = "FILE.html")]
+    pub(crate) report: Option<PathBuf>,
+    /// Draw both clouds before and after, side by side.
+    #[arg(long, value_name = "FILE.png")]
+    pub(crate) picture: Option<PathBuf>,
+    /// Write the query as it lies in the map.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) save_aligned: Option<PathBuf>,
+    /// Keep the question, the answer and the part of the map that was looked at in one file, for `winze replay`. The
+    /// question is asked again to see that the file is complete.
+    #[arg(long, value_name = "FILE.zip")]
+    pub(crate) bundle: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Replay {
+    /// A bundle that `winze locate --bundle` wrote.
+    pub(crate) bundle: PathBuf,
+    /// Ask the whole map, which must be the one that was asked then; else the part of it in the bundle.
+    #[arg(long, value_name = "MAP")]
+    pub(crate) map: Option<PathBuf>,
     /// Write the outcome as JSON; `-` for stdout, the summary then goes to stderr.
     #[arg(long, value_name = "FILE|-")]
     pub(crate) json: Option<PathBuf>,

@@ -72,6 +72,7 @@ pub(crate) fn run(args: &Demo, global: &Global) -> anyhow::Result<ExitCode> {
         report: Some(out.join("report.html")),
         picture: Some(out.join("before_and_after.png")),
         save_aligned: Some(out.join("aligned.pcd")),
+        bundle: None,
     };
     progress.finish();
     answer.tell(global.quiet, false)?;

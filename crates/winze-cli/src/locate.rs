@@ -8,10 +8,14 @@ use std::time::Instant;
 use anyhow::bail;
 use winze::outcome::Stage;
 use winze::{Cloud, KeptQuery, Outcome, PoseDistance, Request, Verdict};
-use winze_io::{CloudFile, Format, ReadOptions, atomic, read_cloud, read_transform, write_cloud};
+use winze_bundle::{Beforehand, QueryFile};
+use winze_io::{
+    CloudFile, Format, ReadOptions, atomic, read_bytes, read_cloud_as, read_transform, write_cloud,
+};
 use winze_report::{Document, Source};
 
 use crate::args::{Global, Locate};
+use crate::bundle::{self, Seen};
 use crate::config;
 use crate::output::{check_outputs, is_broken_pipe, print, talk};
 use crate::prior::Prior;
@@ -40,7 +44,10 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
     let config = map.config(global)?;
     progress.say("read query");
     let begun = Instant::now();
-    let query = read(&args.query)?;
+    let bytes = read_bytes(&args.query)?;
+    let query = read_as(&args.query, &bytes)?;
+    // A pipe cannot be read twice.
+    let bytes = args.bundle.as_ref().map(|_| bytes);
     timed(Stage {
         name: "read query".into(),
         seconds: begun.elapsed().as_secs_f64(),
@@ -55,9 +62,9 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
         near: args.near,
         progress: Some(&told),
     };
-    let mut kept_query = KeptQuery::new(&query.cloud);
-    let mut outcome = winze::locate_in(&mut map.kept(), &mut kept_query, &config, &request)
-        .map_err(|e| {
+    let (mut kept_map, mut kept_query) = (map.kept(), KeptQuery::new(&query.cloud));
+    let (mut outcome, trail) =
+        winze::locate_traced(&mut kept_map, &mut kept_query, &config, &request).map_err(|e| {
             let of_map = matches!(e, winze::Error::EmptyMap { .. });
             let file = of_map.then(|| args.map.display().to_string());
             let option = matches!(e, winze::Error::EmptyRegion { .. }).then(|| "--near".to_owned());
@@ -98,11 +105,32 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
     progress.finish();
     answer.tell(global.quiet, args.json.as_deref() == Some(Path::new("-")))?;
     answer.write(args)?;
+    if let (Some(path), Some(bytes)) = (&args.bundle, bytes) {
+        let seen = Seen {
+            map: &mut kept_map,
+            query: &mut kept_query,
+            config: &config,
+            traced: (&trail, &outcome),
+        };
+        let asked = Beforehand {
+            method: args.method,
+            gravity_aligned: args.gravity_aligned,
+            near: args.near,
+            initial,
+            truth,
+        };
+        let query = QueryFile {
+            path: args.query.display().to_string(),
+            bytes,
+        };
+        let map = map.file(&args.map);
+        bundle::write(path, seen, asked, map, query, &answer.document, global)?;
+    }
     Ok(exit_code(&outcome))
 }
 
 /// Stages that a run by `method` has at one voxel size, with reading.
-fn steps(method: winze::Method) -> u64 {
+pub(crate) fn steps(method: winze::Method) -> u64 {
     let searched = if method.uses_features() { 5 } else { 0 };
     let rivals = u64::from(method.uses_features() && method != winze::Method::Auto);
     10 + searched + rivals + 2 * u64::from(method.uses_ndt()) + u64::from(method.uses_icp())
@@ -113,8 +141,10 @@ fn check(args: &Locate, global: &Global) -> anyhow::Result<()> {
     if let Some(path) = &args.save_aligned {
         Format::for_writing(path)?;
     }
-    let outputs: Vec<&Path> = [&args.json, &args.report, &args.picture, &args.save_aligned]
+    let outputs = [&args.json, &args.report, &args.picture, &args.save_aligned];
+    let outputs: Vec<&Path> = outputs
         .into_iter()
+        .chain([&args.bundle])
         .flatten()
         .map(PathBuf::as_path)
         .filter(|p| *p != Path::new("-"))
@@ -129,13 +159,18 @@ fn check(args: &Locate, global: &Global) -> anyhow::Result<()> {
 }
 
 /// 0 located, 1 answered but not located.
-fn exit_code(outcome: &Outcome) -> ExitCode {
+pub(crate) fn exit_code(outcome: &Outcome) -> ExitCode {
     ExitCode::from(u8::from(outcome.verdict != Verdict::Located))
 }
 
 /// Reads a cloud and tells what its reader had to say.
 pub(crate) fn read(path: &Path) -> anyhow::Result<CloudFile> {
-    let file = read_cloud(path, &ReadOptions::default())?;
+    read_as(path, &read_bytes(path)?)
+}
+
+/// The same of its bytes.
+fn read_as(path: &Path, bytes: &[u8]) -> anyhow::Result<CloudFile> {
+    let file = read_cloud_as(path, bytes, &ReadOptions::default())?;
     let r = &file.report;
     tracing::info!(
         "{}: {} {}, {} points, {} not finite, {} no-returns",

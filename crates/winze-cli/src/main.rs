@@ -1,9 +1,10 @@
 //! `winze`: find a robot in its own map, underground.
 //!
-//! stdout is data, stderr is talk. Exit codes of `locate`: 0 located, 1 answered but not located, 2
+//! stdout is data, stderr is talk. Exit codes of `locate` and `replay`: 0 located, 1 answered but not located, 2
 //! error; of every other verb: 0 done, 2 error.
 
 mod args;
+mod bundle;
 mod config;
 mod convert;
 mod demo;
@@ -15,6 +16,7 @@ mod map;
 mod output;
 mod prior;
 mod progress;
+mod replay;
 mod sim;
 
 use std::process::ExitCode;
@@ -51,6 +53,7 @@ fn run(args: &Args) -> anyhow::Result<ExitCode> {
     pool.install(|| match &args.verb {
         Verb::Demo(a) => demo::run(a, &args.global),
         Verb::Locate(a) => locate::run(a, &args.global),
+        Verb::Replay(a) => replay::run(a, &args.global),
         Verb::Map(a) => map::run(a, &args.global),
         Verb::Sim(a) => sim::run(a, &args.global),
         Verb::Eval(a) => eval::run(a, &args.global),
