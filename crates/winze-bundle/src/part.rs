@@ -181,7 +181,7 @@ pub(crate) fn take(entries: &mut Entries) -> Result<MapPart, Fault> {
 const OUTERMOST: f32 = (MAX_OFFSET + 1.0) as f32;
 
 fn is_length(v: f64) -> bool {
-    (1e-6..=1e6).contains(&v)
+    (1e-12..=1e9).contains(&v)
 }
 
 fn is_origin(origin: [f64; 3]) -> bool {
