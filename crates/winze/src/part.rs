@@ -8,7 +8,8 @@
 
 use std::borrow::Cow;
 
-use crate::config::Config;
+use crate::config::{Config, VerifyConfig};
+use crate::covariance::way;
 use crate::error::{Error, Result};
 use crate::kdtree::KdTree;
 use crate::kept::{KeptMap, KeptQuery};
@@ -159,9 +160,18 @@ impl MapPart {
         for &voxel in &trail.voxels {
             let starts = trail.looks.iter().filter(|look| same(look.voxel, voxel));
             let starts = starts.flat_map(|look| &look.starts);
-            let poses: Vec<&Pose> = starts.chain(&trail.led_to).collect();
+            let mut poses: Vec<Pose> = starts.chain(&trail.led_to).copied().collect();
             let query = &query.at(voxel, config).surface;
             let surface = &map.at(voxel, config)?.surface;
+            if outcome.voxel.is_some_and(|answered| same(answered, voxel)) {
+                let width = measure.as_ref().and_then(|measure| measure.width);
+                poses.extend(slid(
+                    outcome,
+                    surface,
+                    query,
+                    &config.verify.at(voxel, width),
+                ));
+            }
             let block = config.ndt.coarsest.metres(voxel).max(BLOCK * voxel);
             let near = reach.map(|reach| Blocks::around(&poses, query, surface, block, reach));
             let kept = |p: &[f32; 3]| near.as_ref().is_none_or(|near| near.hold(p));
@@ -234,6 +244,23 @@ fn missing(voxel: f64) -> Error {
     ))
 }
 
+/// Where the covariance slid the pose that was answered.
+fn slid(
+    outcome: &Outcome,
+    map: &Surface<'_>,
+    query: &Surface<'_>,
+    verify: &VerifyConfig,
+) -> Vec<Pose> {
+    let (Some(pose), Some(at)) = (&outcome.map_from_query, outcome.covariance_at) else {
+        return Vec::new();
+    };
+    let open = outcome.unobservable.iter().flatten();
+    let ways = open.flat_map(|open| [-1.0, 1.0].map(|sign| (open, sign)));
+    ways.flat_map(|(open, sign)| way(open, sign, map, query, (pose, at), verify))
+        .map(|(_, pose)| pose)
+        .collect()
+}
+
 /// Least width of a block, in voxels.
 const BLOCK: f64 = 8.0;
 
@@ -247,7 +274,7 @@ struct Blocks {
 impl Blocks {
     /// All within `reach` blocks of one that holds a point of `query` at one of the poses.
     fn around(
-        poses: &[&Pose],
+        poses: &[Pose],
         query: &Surface<'_>,
         map: &Surface<'_>,
         size: f64,

@@ -148,3 +148,22 @@ fn too_small_a_part_answers_otherwise() {
     let replayed = locate_in(&mut map, &mut query, &quick(), &Request::default()).unwrap();
     assert_ne!(timeless(outcome), timeless(replayed));
 }
+
+#[test]
+fn a_pose_that_slides_has_a_part_as_long_as_its_way() {
+    // A bare tube of 60 m, and 6 m of it.
+    let (map, query) = (
+        cloud(&drift(40_000, 60.0, 0.0, 0.01, 1)),
+        cloud(&drift(6_000, 6.0, 0.0, 0.01, 2)),
+    );
+    let request = Request {
+        method: Method::NdtIcp,
+        initial: Some(Pose::from_translation([27.0, 0.0, 0.0])),
+        ..Request::default()
+    };
+    let (outcome, _, replayed) = again(&map, &query, &quick(), &request, Some(2));
+    assert_eq!(outcome.verdict, Verdict::Degenerate, "{}", outcome.reason);
+    let covariance = outcome.covariance.unwrap();
+    assert!(covariance[0][0] > 25.0, "it slid metres: {covariance:?}");
+    assert_eq!(timeless(outcome), timeless(replayed.unwrap()));
+}
