@@ -1,9 +1,11 @@
 """Writes the seeds that the fuzzer starts from into seeds/<target>/. Run in this folder."""
 
+import io
 import json
 import pathlib
 import shutil
 import struct
+import zipfile
 import zlib
 
 SEEDS = pathlib.Path("seeds")
@@ -188,3 +190,23 @@ put("map", "nothing.patch", b"patch")
 for section in range(0, 60, 4):
     patch = struct.pack("<BBHI", section, section % 3, 7 * section, 0x7FC00000)
     put("map", f"section_{section}.patch", b"patch" + patch)
+
+
+def archive(**entries):
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as packed:
+        for name, content in entries.items():
+            packed.writestr(zipfile.ZipInfo(name.replace("_", ".")), content)
+    return out.getvalue()
+
+
+manifest = {"format": 1, "winze": "0.1.0", "query": {"path": "q", "entry": "query"}, "entries": {}}
+manifest["map"] = {"path": "m", "digest": "sha256:0", "points_in_file": 1}
+manifest["request"] = {"method": "auto", "gravity_aligned": False, "near": [1, 2, 3, 4], "initial": None, "truth": None}
+put("bundle", "empty.zip", archive())
+put("bundle", "manifest.zip", archive(manifest_json=json.dumps(manifest)))
+put("bundle", "newer.zip", archive(manifest_json=json.dumps(manifest | {"format": 2})))
+put("bundle", "nothing.patch", b"patch")
+for entry in range(12):
+    put("bundle", f"entry_{entry}.patch", b"patch" + struct.pack("<BBHI", entry, entry % 2, 37 * entry, 0x3F800000))
+    put("bundle", f"cut_{entry}.patch", b"patch" + struct.pack("<BBHI", entry, 2, 12, 0))

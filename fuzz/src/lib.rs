@@ -1,5 +1,6 @@
-//! What must hold for any bytes that are read as a cloud, a mesh or a prepared map.
+//! What must hold for any bytes that are read as a cloud, a mesh, a prepared map or an incident bundle.
 
+pub mod bundle;
 pub mod map;
 
 use winze::Cloud;

@@ -1,6 +1,6 @@
 //! What can be typed.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{ArgAction, Parser, Subcommand};
 use winze::Method;
@@ -57,6 +57,11 @@ pub(crate) enum Verb {
     /// Exits with 0 where the query is located, 1 where the answer is another one (ambiguous,
     /// degenerate, not_found, insufficient), 2 on an error.
     Locate(Locate),
+    /// Answer a question again that `winze locate --bundle` kept, with the settings of then, and say whether the
+    /// answer is the same.
+    ///
+    /// Exits as `locate` does where the answer is the one given then, to the bit, with 2 where it is not.
+    Replay(Replay),
     /// Prepare a map once and keep it: build, info, check.
     #[command(subcommand)]
     Map(MapVerb),
@@ -112,6 +117,17 @@ pub(crate) struct Locate {
     /// The true map_from_query, a 4x4 matrix in a text file: adds the pose error.
     #[arg(long, value_name = "T.txt")]
     pub(crate) truth: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) outputs: Outputs,
+    /// Keep the question, the answer and the part of the map that was looked at in one file, for `winze replay`. The
+    /// question is asked again to see that the file is complete; where it cannot be made, the exit code is 2.
+    #[arg(long, value_name = "FILE.zip")]
+    pub(crate) bundle: Option<PathBuf>,
+}
+
+/// What may be made of an answer.
+#[derive(Debug, Default, clap::Args)]
+pub(crate) struct Outputs {
     /// Write the outcome as JSON; `-` for stdout, the summary then goes to stderr.
     #[arg(long, value_name = "FILE|-")]
     pub(crate) json: Option<PathBuf>,
@@ -124,6 +140,39 @@ pub(crate) struct Locate {
     /// Write the query as it lies in the map.
     #[arg(long, value_name = "FILE")]
     pub(crate) save_aligned: Option<PathBuf>,
+}
+
+impl Outputs {
+    /// The files asked for.
+    pub(crate) fn files(&self) -> Vec<&Path> {
+        [&self.json, &self.report, &self.picture, &self.save_aligned]
+            .into_iter()
+            .flatten()
+            .map(PathBuf::as_path)
+            .filter(|p| *p != Path::new("-"))
+            .collect()
+    }
+
+    /// Whether any of them is drawn.
+    pub(crate) fn drawn(&self) -> bool {
+        self.picture.is_some() || self.report.is_some()
+    }
+
+    /// Whether the JSON goes to stdout.
+    pub(crate) fn json_to_stdout(&self) -> bool {
+        self.json.as_deref() == Some(Path::new("-"))
+    }
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct Replay {
+    /// A bundle that `winze locate --bundle` wrote.
+    pub(crate) bundle: PathBuf,
+    /// Ask the whole map, which must be the one that was asked then; else the part of it in the bundle.
+    #[arg(long, value_name = "MAP")]
+    pub(crate) map: Option<PathBuf>,
+    #[command(flatten)]
+    pub(crate) outputs: Outputs,
 }
 
 #[derive(Debug, Subcommand)]

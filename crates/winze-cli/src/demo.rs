@@ -8,7 +8,7 @@ use winze::{KeptMap, KeptQuery, Request, outcome::Stage};
 use winze_io::{write_cloud, write_transform};
 use winze_report::{Document, Source};
 
-use crate::args::{Demo, Global, Locate};
+use crate::args::{Demo, Global, Outputs};
 use crate::command::quoted;
 use crate::config;
 use crate::locate::Answer;
@@ -74,14 +74,7 @@ pub(crate) fn run(args: &Demo, global: &Global) -> anyhow::Result<ExitCode> {
         document,
         page: Some(page),
     };
-    let wanted = Locate {
-        map: map.clone(),
-        query: query.clone(),
-        method: winze::Method::Auto,
-        gravity_aligned: false,
-        near: None,
-        initial: None,
-        truth: None,
+    let wanted = Outputs {
         json: Some(out.join("outcome.json")),
         report: Some(out.join("report.html")),
         picture: Some(out.join("before_and_after.png")),

@@ -8,10 +8,14 @@ use std::time::Instant;
 use anyhow::bail;
 use winze::outcome::Stage;
 use winze::{Cloud, KeptQuery, Outcome, PoseDistance, Request, Verdict};
-use winze_io::{CloudFile, Format, ReadOptions, atomic, read_cloud, read_transform, write_cloud};
+use winze_bundle::{Beforehand, QueryFile};
+use winze_io::{
+    CloudFile, Format, ReadOptions, atomic, read_bytes, read_cloud_as, read_transform, write_cloud,
+};
 use winze_report::{Document, Source};
 
-use crate::args::{Global, Locate};
+use crate::args::{Global, Locate, Outputs};
+use crate::bundle::{self, Seen};
 use crate::output::{check_outputs, is_broken_pipe, print, talk};
 use crate::page::Page;
 use crate::prior::Prior;
@@ -41,7 +45,10 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
     let config = map.config(global)?;
     progress.say("read query");
     let begun = Instant::now();
-    let query = read(&args.query)?;
+    let bytes = read_bytes(&args.query)?;
+    let query = read_as(&args.query, &bytes)?;
+    // A pipe cannot be read twice.
+    let bytes = args.bundle.as_ref().map(|_| bytes);
     timed(Stage {
         name: "read query".into(),
         seconds: begun.elapsed().as_secs_f64(),
@@ -56,10 +63,9 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
         near: args.near,
         progress: Some(&told),
     };
-    let mut kept_query = KeptQuery::new(&query.cloud);
-    let mut kept_map = map.kept();
-    let mut outcome =
-        winze::locate_in(&mut kept_map, &mut kept_query, &config, &request).map_err(|e| {
+    let (mut kept_map, mut kept_query) = (map.kept(), KeptQuery::new(&query.cloud));
+    let (mut outcome, trail) =
+        winze::locate_traced(&mut kept_map, &mut kept_query, &config, &request).map_err(|e| {
             let of_map = matches!(e, winze::Error::EmptyMap { .. });
             let file = of_map.then(|| args.map.display().to_string());
             let option = matches!(e, winze::Error::EmptyRegion { .. }).then(|| "--near".to_owned());
@@ -83,13 +89,13 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
             points: query.cloud.len(),
         },
     );
-    let drawn = args.picture.is_some() || args.report.is_some();
+    let drawn = args.outputs.drawn();
     let picture = if drawn {
         map.picture()?
     } else {
         Cow::Owned(Cloud::default())
     };
-    let page = match args.report {
+    let page = match args.outputs.report {
         Some(_) => {
             progress.say("draw");
             let command = command::command();
@@ -108,13 +114,36 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
     };
     // Files last: a full disk must not cost the answer.
     progress.finish();
-    answer.tell(global.quiet, args.json.as_deref() == Some(Path::new("-")))?;
-    answer.write(args)?;
+    answer.tell(global.quiet, args.outputs.json_to_stdout())?;
+    let written = answer.write(&args.outputs);
+    // A file that cannot be written must not cost the bundle.
+    if let (Some(path), Some(bytes)) = (&args.bundle, bytes) {
+        let seen = Seen {
+            map: &mut kept_map,
+            query: &mut kept_query,
+            config: &config,
+            traced: (&trail, &outcome),
+        };
+        let asked = Beforehand {
+            method: args.method,
+            gravity_aligned: args.gravity_aligned,
+            near: args.near,
+            initial,
+            truth,
+        };
+        let query = QueryFile {
+            path: args.query.display().to_string(),
+            bytes,
+        };
+        let map = map.file(&args.map);
+        bundle::write(path, seen, asked, map, query, &answer.document, global)?;
+    }
+    written?;
     Ok(exit_code(&outcome))
 }
 
 /// Stages that a run by `method` has at one voxel size, with reading.
-fn steps(method: winze::Method) -> u64 {
+pub(crate) fn steps(method: winze::Method) -> u64 {
     let searched = if method.uses_features() { 5 } else { 0 };
     let rivals = u64::from(method.uses_features() && method != winze::Method::Auto);
     10 + searched + rivals + 2 * u64::from(method.uses_ndt()) + u64::from(method.uses_icp())
@@ -122,15 +151,14 @@ fn steps(method: winze::Method) -> u64 {
 
 /// Refuses at once what could not be written in the end.
 fn check(args: &Locate, global: &Global) -> anyhow::Result<()> {
-    if let Some(path) = &args.save_aligned {
+    if let Some(path) = &args.outputs.save_aligned {
         Format::for_writing(path)?;
     }
-    let outputs: Vec<&Path> = [&args.json, &args.report, &args.picture, &args.save_aligned]
-        .into_iter()
-        .flatten()
-        .map(PathBuf::as_path)
-        .filter(|p| *p != Path::new("-"))
-        .collect();
+    if args.bundle.as_deref() == Some(Path::new("-")) {
+        bail!("--bundle: cannot go to stdout; name a file");
+    }
+    let mut outputs = args.outputs.files();
+    outputs.extend(args.bundle.as_deref());
     let inputs: Vec<&Path> = [&args.initial, &args.truth, &global.config]
         .into_iter()
         .flatten()
@@ -141,13 +169,18 @@ fn check(args: &Locate, global: &Global) -> anyhow::Result<()> {
 }
 
 /// 0 located, 1 answered but not located.
-fn exit_code(outcome: &Outcome) -> ExitCode {
+pub(crate) fn exit_code(outcome: &Outcome) -> ExitCode {
     ExitCode::from(u8::from(outcome.verdict != Verdict::Located))
 }
 
 /// Reads a cloud and tells what its reader had to say.
 pub(crate) fn read(path: &Path) -> anyhow::Result<CloudFile> {
-    let file = read_cloud(path, &ReadOptions::default())?;
+    read_as(path, &read_bytes(path)?)
+}
+
+/// The same of its bytes.
+fn read_as(path: &Path, bytes: &[u8]) -> anyhow::Result<CloudFile> {
+    let file = read_cloud_as(path, bytes, &ReadOptions::default())?;
     let r = &file.report;
     tracing::info!(
         "{}: {} {}, {} points, {} not finite, {} no-returns",
@@ -186,7 +219,7 @@ pub(crate) struct Answer<'a> {
 impl Answer<'_> {
     /// Writes the files that were asked for, each whether or not another one could be written; the first
     /// trouble is told of.
-    pub(crate) fn write(&self, args: &Locate) -> anyhow::Result<()> {
+    pub(crate) fn write(&self, wanted: &Outputs) -> anyhow::Result<()> {
         let mut trouble = Ok(());
         let mut note = |result: anyhow::Result<()>| {
             if trouble.is_ok() {
@@ -194,18 +227,18 @@ impl Answer<'_> {
             }
         };
         let file = |path: &Path, bytes: &[u8]| Ok(atomic::write_bytes(path, bytes)?);
-        if let Some(path) = args.json.as_deref().filter(|p| *p != Path::new("-")) {
+        if let Some(path) = wanted.json.as_deref().filter(|p| *p != Path::new("-")) {
             note(file(path, self.document.to_json().as_bytes()));
         }
-        if let Some(path) = &args.save_aligned {
+        if let Some(path) = &wanted.save_aligned {
             note(self.write_aligned(path));
         }
-        if args.picture.is_some() || args.report.is_some() {
+        if wanted.picture.is_some() || wanted.report.is_some() {
             let png = winze_report::before_and_after(self.map, self.query, self.outcome)?;
-            if let Some(path) = &args.picture {
+            if let Some(path) = &wanted.picture {
                 note(file(path, &png));
             }
-            if let (Some(path), Some(page)) = (&args.report, &self.page) {
+            if let (Some(path), Some(page)) = (&wanted.report, &self.page) {
                 note(file(path, page.html(self, &png).as_bytes()));
             }
         }

@@ -1,9 +1,10 @@
 //! `winze`: find a robot in its own map, underground.
 //!
-//! stdout is data, stderr is talk. Exit codes of `locate`: 0 located, 1 answered but not located, 2
+//! stdout is data, stderr is talk. Exit codes of `locate` and `replay`: 0 located, 1 answered but not located, 2
 //! error; of every other verb: 0 done, 2 error.
 
 mod args;
+mod bundle;
 mod command;
 mod config;
 mod convert;
@@ -17,6 +18,7 @@ mod output;
 mod page;
 mod prior;
 mod progress;
+mod replay;
 mod sim;
 
 use std::process::ExitCode;
@@ -53,6 +55,7 @@ fn run(args: &Args) -> anyhow::Result<ExitCode> {
     pool.install(|| match &args.verb {
         Verb::Demo(a) => demo::run(a, &args.global),
         Verb::Locate(a) => locate::run(a, &args.global),
+        Verb::Replay(a) => replay::run(a, &args.global),
         Verb::Map(a) => map::run(a, &args.global),
         Verb::Sim(a) => sim::run(a, &args.global),
         Verb::Eval(a) => eval::run(a, &args.global),

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use winze::outcome::Stage;
 use winze::{Cloud, Config, KeptMap, PreparedMap as _};
+use winze_bundle::MapFile;
 use winze_io::CloudFile;
 use winze_map::Map;
 use winze_report::Source;
@@ -72,15 +73,28 @@ impl Prior {
         }
     }
 
-    /// What the outcome says of it.
-    pub(crate) fn source(&self, path: &Path) -> Source {
-        let digest = match self {
+    /// What a bundle says of it.
+    pub(crate) fn file(&self, path: &Path) -> MapFile {
+        MapFile {
+            path: path.display().to_string(),
+            digest: self.digest(),
+            points_in_file: self.stage(0.0).count_in,
+        }
+    }
+
+    /// Digest of its file.
+    pub(crate) fn digest(&self) -> String {
+        match self {
             Self::Cloud(file) => file.report.digest.clone(),
             Self::Built(map) => map.digest(),
-        };
+        }
+    }
+
+    /// What the outcome says of it.
+    pub(crate) fn source(&self, path: &Path) -> Source {
         Source {
             path: Some(path.display().to_string()),
-            digest: Some(digest),
+            digest: Some(self.digest()),
             points: self.points(),
         }
     }

@@ -46,7 +46,8 @@ mod write;
 pub use error::{Error, Place, Result};
 pub use format::{Encoding, Format};
 pub use read::{
-    CloudFile, NoReturns, ReadOptions, ReadReport, digest, read_cloud, read_cloud_bytes,
+    CloudFile, NoReturns, ReadOptions, ReadReport, digest, read_bytes, read_cloud, read_cloud_as,
+    read_cloud_bytes,
 };
 pub use stream::{CloudStream, PointStream, StreamedFile};
 pub use trajectory::write_trajectory;

@@ -115,19 +115,35 @@ impl ReadReport {
 /// [`Cloud::with_intensity`] refuses its points. A text file without points is an error; a PCD or
 /// PLY file that announces none gives an empty cloud.
 pub fn read_cloud(path: &Path, options: &ReadOptions) -> Result<CloudFile> {
-    let file = path.display().to_string();
+    read_cloud_as(path, &read_bytes(path)?, options)
+}
+
+/// All bytes of a file, which may be a pipe.
+///
+/// # Errors
+/// Where it cannot be read.
+pub fn read_bytes(path: &Path) -> Result<Vec<u8>> {
     if path.is_dir() {
+        let file = path.display().to_string();
         return Err(Error::Folder { file });
     }
-    let bytes = fs::read(path).map_err(|cause| Error::io(path, "be read", cause))?;
-    let shown = Format::from_content(&bytes);
+    fs::read(path).map_err(|cause| Error::io(path, "be read", cause))
+}
+
+/// Like [`read_cloud`], where the file's bytes are at hand.
+///
+/// # Errors
+/// As [`read_cloud`].
+pub fn read_cloud_as(path: &Path, bytes: &[u8], options: &ReadOptions) -> Result<CloudFile> {
+    let file = path.display().to_string();
+    let shown = Format::from_content(bytes);
     let format = Format::from_extension(path)
         .or(shown)
         .ok_or_else(|| Error::UnknownFormat {
             file: file.clone(),
             known: READABLE,
         })?;
-    decode(&bytes, format, options).map_err(|fault| named(fault, format, shown).of(&file))
+    decode(bytes, format, options).map_err(|fault| named(fault, format, shown).of(&file))
 }
 
 /// A fault with a hint, where the content `shown` is not the format that the name says.

@@ -412,6 +412,39 @@ const FIRST_STEP: [f64; 2] = [0.25, 0.05];
 /// Nobody slides further, metres, or turns further, radians.
 const FURTHEST: [f64; 2] = [128.0, std::f64::consts::PI];
 
+/// Where the query, at a pose and moved from there one way along an `open` direction (turned about a point, where that is a turn), still lies on the map: by how
+/// much it is moved, metres or radians, and its pose.
+pub(crate) fn way(
+    open: &Unobservable,
+    sign: f64,
+    map: &Surface<'_>,
+    query: &Surface<'_>,
+    (map_from_query, about): (&Pose, [f64; 3]),
+    config: &VerifyConfig,
+) -> Vec<(f64, Pose)> {
+    let kind = match open.kind {
+        DirectionKind::Translation => 0,
+        DirectionKind::Rotation => 1,
+    };
+    let at_home = fit(map, query, map_from_query, config).fitness;
+    let (mut step, mut way) = (FIRST_STEP[kind], Vec::new());
+    while step <= FURTHEST[kind] {
+        let moved = scale(open.direction, sign * step);
+        let (t, r) = if kind == 0 {
+            (moved, [0.0; 3])
+        } else {
+            ([0.0; 3], moved)
+        };
+        let pose = map_from_query.perturbed(t, r, about);
+        if fit(map, query, &pose, config).fitness < STILL_LIES * at_home {
+            break;
+        }
+        way.push((step, pose));
+        step *= 2.0;
+    }
+    way
+}
+
 /// Adds the way that the pose can be moved along an open direction.
 fn stretch(
     covariance: &mut Covariance,
@@ -425,22 +458,16 @@ fn stretch(
         DirectionKind::Translation => (0, 0),
         DirectionKind::Rotation => (1, 3),
     };
-    let at_home = fit(map, query, map_from_query, config).fitness;
     let reach = |sign: f64| -> f64 {
-        let (mut step, mut reached) = (FIRST_STEP[kind], 0.0);
-        while step <= FURTHEST[kind] {
-            let moved = scale(open.direction, sign * step);
-            let (t, r) = if kind == 0 {
-                (moved, [0.0; 3])
-            } else {
-                ([0.0; 3], moved)
-            };
-            let pose = map_from_query.perturbed(t, r, covariance.about);
-            if fit(map, query, &pose, config).fitness < STILL_LIES * at_home {
-                break;
-            }
-            (reached, step) = (step, 2.0 * step);
-        }
+        let way = way(
+            open,
+            sign,
+            map,
+            query,
+            (map_from_query, covariance.about),
+            config,
+        );
+        let reached = way.last().map_or(0.0, |(step, _)| *step);
         // Between the last step that held and the one that did not.
         f64::min(1.5 * reached.max(0.5 * FIRST_STEP[kind]), FURTHEST[kind])
     };

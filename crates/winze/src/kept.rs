@@ -29,6 +29,8 @@ use crate::kdtree::KdTree;
 use crate::matching::{Correspondence, match_indexed};
 use crate::metrics::{self, InlierMetrics};
 use crate::ndt::{self, NdtCells};
+use crate::parallel;
+use crate::part::{Look, MapPart, PartLevel, Reference};
 use crate::pose::Pose;
 use crate::prepare::{Frame, Surface, limit_range, prepare, remove_outliers};
 use crate::prepared::{PreparedMap, level_in};
@@ -60,6 +62,7 @@ pub struct KeptMap<'a> {
 enum Source<'a> {
     Cloud(&'a Cloud),
     Prepared(&'a dyn PreparedMap),
+    Part(&'a MapPart),
 }
 
 /// A query and what was worked out about it so far, by [`locate_in`](crate::locate::locate_in).
@@ -78,6 +81,9 @@ pub(crate) struct MapAt<'a> {
     pub(crate) surface: Surface<'a>,
     /// Where the rest was prepared beforehand, if it was, and at which level.
     prepared: Option<(&'a dyn PreparedMap, usize)>,
+    /// What is known of the rest, where this is but a part of the map.
+    part: Option<&'a PartLevel>,
+    look: Option<&'a Look>,
     features: Option<(Features<'a>, DescriptorIndex<'a>)>,
     cells: Option<Vec<NdtCells<'a>>>,
     /// Tells these features from those of any other map or size.
@@ -178,6 +184,12 @@ impl<'a> KeptMap<'a> {
         Self::keeping(Source::Prepared(map), MOST_SIZES)
     }
 
+    /// What an earlier run looked at of a map, see [`part`](crate::part).
+    #[must_use]
+    pub fn part(part: &'a MapPart) -> Self {
+        Self::keeping(Source::Part(part), MOST_SIZES)
+    }
+
     /// The same, with the cloud that it was made of: the paper's metrics are then taken against all of its
     /// points, as they are for a map that was not prepared.
     #[must_use]
@@ -211,15 +223,26 @@ impl<'a> KeptMap<'a> {
         match self.source {
             Source::Cloud(cloud) => cloud.len(),
             Source::Prepared(map) => map.points(),
+            Source::Part(part) => part.points,
+        }
+    }
+
+    /// Whether what [`KeptMap::inliers`] compares with was prepared beforehand.
+    pub(crate) fn is_built(&self) -> bool {
+        match self.compared() {
+            Source::Cloud(_) => false,
+            Source::Prepared(_) => true,
+            Source::Part(part) => part.built,
         }
     }
 
     /// What [`KeptMap::inliers`] compares with, in words.
     #[must_use]
     pub fn inlier_reference(&self) -> &'static str {
-        match self.compared() {
-            Source::Cloud(_) => "map as read",
-            Source::Prepared(_) => "finest level of the built map",
+        if self.is_built() {
+            "finest level of the built map"
+        } else {
+            "map as read"
         }
     }
 
@@ -244,10 +267,45 @@ impl<'a> KeptMap<'a> {
             metrics::inliers(tree, origin, query, map_from_query, distance)
         };
         match self.compared() {
-            Source::Cloud(cloud) => Ok(of(self.tree(cloud), cloud.origin())),
+            Source::Cloud(cloud) => Ok(of(self.tree(cloud.points()), cloud.origin())),
             Source::Prepared(map) => {
                 let finest = self.finest(map)?;
                 Ok(of(&finest.tree, finest.origin))
+            }
+            Source::Part(part) => {
+                let reference = &part.reference;
+                Ok(of(self.tree(&reference.points), reference.origin))
+            }
+        }
+    }
+
+    /// What [`KeptMap::inliers`] at a pose is about: those points of the map that make one of `query`'s an inlier, in order, and their origin.
+    pub(crate) fn met(
+        &mut self,
+        query: &Cloud,
+        map_from_query: &Pose,
+        distance: f64,
+    ) -> Result<([f64; 3], Vec<[f32; 3]>)> {
+        let of = |tree: &KdTree<'_>, origin, points: &[[f32; 3]]| {
+            let near = metrics::near(tree, origin, query, map_from_query, distance);
+            let mut met = parallel::map_with(query.len(), || (), |(), i| near(i).map(|n| n.index));
+            met.sort_unstable();
+            met.dedup();
+            let met = met.into_iter().flatten().map(|i| points[i as usize]);
+            (origin, met.collect())
+        };
+        match self.compared() {
+            Source::Cloud(cloud) => {
+                let points = cloud.points();
+                Ok(of(self.tree(points), cloud.origin(), points))
+            }
+            Source::Prepared(map) => {
+                let finest = self.finest(map)?;
+                Ok(of(&finest.tree, finest.origin, &finest.points))
+            }
+            Source::Part(part) => {
+                let Reference { origin, points, .. } = &part.reference;
+                Ok(of(self.tree(points), *origin, points))
             }
         }
     }
@@ -272,8 +330,12 @@ impl<'a> KeptMap<'a> {
     /// Makes what [`KeptMap::inliers`] looks things up in; how many points that has.
     pub(crate) fn reference(&mut self) -> Result<usize> {
         match self.compared() {
-            Source::Cloud(cloud) => Ok(self.tree(cloud).len()),
+            Source::Cloud(cloud) => Ok(self.tree(cloud.points()).len()),
             Source::Prepared(map) => Ok(self.finest(map)?.points.len()),
+            Source::Part(part) => {
+                self.tree(&part.reference.points);
+                Ok(part.reference.of)
+            }
         }
     }
 
@@ -287,9 +349,8 @@ impl<'a> KeptMap<'a> {
     }
 
     /// The tree over all points of the map.
-    fn tree(&mut self, cloud: &Cloud) -> &KdTree<'static> {
-        self.tree
-            .get_or_insert_with(|| KdTree::build(cloud.points()))
+    fn tree(&mut self, points: &[[f32; 3]]) -> &KdTree<'static> {
+        self.tree.get_or_insert_with(|| KdTree::build(points))
     }
 
     /// Drops what other settings gave.
@@ -312,6 +373,7 @@ impl<'a> KeptMap<'a> {
     pub(crate) fn measure(&mut self, config: &Config) -> Option<Measure> {
         match self.source {
             Source::Prepared(map) => Some(map.measure()),
+            Source::Part(part) => part.measure,
             Source::Cloud(_) if self.measure.is_some() => self.measure,
             Source::Cloud(cloud) => {
                 let points = cloud.points();
@@ -331,6 +393,7 @@ impl<'a> KeptMap<'a> {
         match self.source {
             Source::Cloud(_) => scale::levels(measure),
             Source::Prepared(map) => map.voxels().to_vec(),
+            Source::Part(part) => part.voxels.clone(),
         }
     }
 
@@ -338,11 +401,18 @@ impl<'a> KeptMap<'a> {
     pub(crate) fn at(&mut self, voxel: f64, config: &Config) -> Result<&mut MapAt<'a>> {
         let (source, kept, spacing) = (self.source, &mut self.base, self.spacing.flatten());
         self.sizes.try_at(voxel, || {
-            let (surface, prepared) = match source {
+            let (mut prepared, mut part, mut look) = (None, None, None);
+            let surface = match source {
+                Source::Part(of) => {
+                    let level = of.level(voxel)?;
+                    (part, look) = (Some(level), of.look(voxel));
+                    level.surface()?
+                }
                 Source::Prepared(map) => {
                     let same = |v: &f64| v.to_bits() == voxel.to_bits();
                     let level = map.voxels().iter().position(same).unwrap_or(0);
-                    (map.surface(level)?, Some((map, level)))
+                    prepared = Some((map, level));
+                    map.surface(level)?
                 }
                 Source::Cloud(cloud) => {
                     // A voxel that was asked for is its own base.
@@ -357,12 +427,14 @@ impl<'a> KeptMap<'a> {
                     };
                     let points = (&base.points[..], &base.weights[..]);
                     let Ok(surface) = level_in(points, frame, voxel, config, &Memory);
-                    (surface.into_surface(), None)
+                    surface.into_surface()
                 }
             };
             Ok(MapAt {
                 surface,
                 prepared,
+                part,
+                look,
                 features: None,
                 cells: None,
                 mark: Arc::new(()),
@@ -462,6 +534,27 @@ impl<'a> KeptQuery<'a> {
 }
 
 impl<'a> MapAt<'a> {
+    /// Points of the whole map at this size.
+    pub(crate) fn len(&self) -> usize {
+        self.part.map_or(self.surface.points.len(), |part| part.of)
+    }
+
+    /// What an earlier run found on the whole map, where this is but what it then looked at.
+    ///
+    /// # Errors
+    /// [`Error::Map`](crate::Error::Map) where that run did not get so far.
+    pub(crate) fn recalled(&self) -> Result<Option<&'a Look>> {
+        match (self.part, self.look) {
+            (Some(part), None) => Err(part.not_looked_at()),
+            (_, look) => Ok(look),
+        }
+    }
+
+    /// Gaussians of the whole map, where an earlier run counted them.
+    pub(crate) fn counted(&self) -> Option<usize> {
+        self.look.map(|look| look.gaussians)
+    }
+
     /// Keypoints and descriptors, and the index over these.
     pub(crate) fn describe(
         &mut self,

@@ -19,6 +19,7 @@ use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt};
 use crate::matching::match_descriptors;
 use crate::method::Method;
 use crate::outcome::{Outcome, RankedHypothesis, Stage, Verdict};
+use crate::part::{Look, Trail};
 use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::refine::keep_better;
@@ -65,6 +66,19 @@ pub fn locate_in(
     config: &Config,
     request: &Request<'_>,
 ) -> Result<Outcome> {
+    Ok(locate_traced(map, query, config, request)?.0)
+}
+
+/// As [`locate_in`], and where the run looked: what a [`MapPart`](crate::part::MapPart) is cut by.
+///
+/// # Errors
+/// As [`locate`].
+pub fn locate_traced(
+    map: &mut KeptMap<'_>,
+    query: &mut KeptQuery<'_>,
+    config: &Config,
+    request: &Request<'_>,
+) -> Result<(Outcome, Trail)> {
     config.validate()?;
     let mut run = Run {
         config,
@@ -74,6 +88,7 @@ pub fn locate_in(
         width: None,
         map_seconds: 0.0,
         stages: Vec::new(),
+        trail: Trail::default(),
     };
     if map.points() < MIN_MAP_POINTS {
         return Err(Error::EmptyMap {
@@ -139,6 +154,7 @@ pub(crate) struct Run<'a> {
     /// Spent on the map alone.
     map_seconds: f64,
     stages: Vec<Stage>,
+    pub(crate) trail: Trail,
 }
 
 impl Run<'_> {
@@ -212,32 +228,29 @@ impl Run<'_> {
         if let Some(judgement) = insufficient(&query_at.surface, verify) {
             return Ok(Err(judgement));
         }
-        let map_at = self.map_stage("prepare map", map.points(), || {
-            let at = map.at(voxel, config);
-            let n = at.as_ref().map_or(0, |at| at.surface.points.len());
-            (at, n)
-        })?;
-        if map_at.surface.points.len() < MIN_MAP_POINTS {
+        let map_at = self.prepared_map(map, voxel)?;
+        if map_at.len() < MIN_MAP_POINTS {
             let reason = format!(
                 "the map has {} points at a voxel size of {voxel:.3} m, too few to compare with",
-                map_at.surface.points.len()
+                map_at.len()
             );
             return Ok(Err(Judgement::refused(Verdict::NotFound, reason)));
         }
-        if let Some(region) = region {
-            region.check(&map_at.surface)?;
-        }
-        let starts = if request.method.uses_features() {
-            self.hypotheses(map_at, query_at, voxel, region)?
-        } else {
-            vec![request.initial.unwrap_or_default()]
+        let begun = self.stages.len();
+        let starts = match map_at.recalled()? {
+            Some(look) => self.recall(look),
+            None => self.starts(map_at, query_at, voxel, region)?,
         };
+        self.trail.found(voxel, &self.stages[begun..], &starts);
         query_at.refine_on(map_at);
         let mut candidates = if request.method == Method::Auto {
             self.race(map_at, query_at, &starts, verify, last)?
         } else {
             self.refine(map_at, query_at, &starts, verify)?
         };
+        self.trail
+            .led_to
+            .extend(candidates.iter().map(|c| c.map_from_query));
         let found = candidates.len();
         // Refinement may have led a pose away from what is known beforehand.
         candidates.retain(|c| self.plausible(c));
@@ -245,6 +258,54 @@ impl Run<'_> {
             return Ok(Err(Judgement::none_found(true)));
         }
         Ok(Ok(candidates))
+    }
+
+    /// The map at a voxel size.
+    pub(crate) fn prepared_map<'m, 'a>(
+        &mut self,
+        map: &'m mut KeptMap<'a>,
+        voxel: f64,
+    ) -> Result<&'m mut MapAt<'a>> {
+        let config = self.config;
+        self.trail.asked(voxel);
+        self.map_stage("prepare map", map.points(), || {
+            let at = map.at(voxel, config);
+            let n = at.as_ref().map_or(0, |at| at.len());
+            (at, n)
+        })
+    }
+
+    /// Poses to refine, from the whole map, those that a first look leaves in the race.
+    fn starts(
+        &mut self,
+        map: &mut MapAt<'_>,
+        query: &mut QueryAt,
+        voxel: f64,
+        region: Option<Region>,
+    ) -> Result<Vec<Pose>> {
+        if let Some(region) = region {
+            region.check(&map.surface)?;
+        }
+        let request = self.request;
+        if !request.method.uses_features() {
+            return Ok(vec![request.initial.unwrap_or_default()]);
+        }
+        let starts = self.hypotheses(map, query, voxel, region)?;
+        let (map, query) = (&map.surface, &query.surface);
+        let verify = &self.config.verify;
+        Ok(if request.method == Method::Auto {
+            self.fittest(map, query, starts, verify)
+        } else {
+            self.first_and_fittest(map, query, starts, verify)
+        })
+    }
+
+    /// The same from what an earlier run found on the whole map.
+    fn recall(&mut self, look: &Look) -> Vec<Pose> {
+        for stage in &look.stages {
+            self.stage(&stage.name, stage.count_in, || ((), stage.count_out));
+        }
+        look.starts.clone()
     }
 
     /// Describe, match, estimate.
@@ -376,7 +437,7 @@ impl Run<'_> {
         map: &mut KeptMap<'_>,
         kept: &mut KeptQuery<'_>,
         best: Attempt,
-    ) -> Result<Outcome> {
+    ) -> Result<(Outcome, Trail)> {
         let covariance = self.covariance(map, kept, &best)?;
         let query = kept.cloud();
         let verify = &self.config.verify;
@@ -395,7 +456,9 @@ impl Run<'_> {
             None => None,
         };
         let finite = |v: f64| v.is_finite().then_some(v);
-        Ok(Outcome {
+        let weighed = best.ranked.iter().map(|c| c.map_from_query);
+        self.trail.led_to.extend(weighed);
+        let outcome = Outcome {
             verdict: best.judgement.verdict,
             reason: best.judgement.reason,
             confidence: best.ranked.first().and_then(|lead| {
@@ -439,7 +502,8 @@ impl Run<'_> {
             seed: self.config.seed,
             map_points: map.points(),
             query_points: query.len(),
-        })
+        };
+        Ok((outcome, self.trail))
     }
 
     /// Runs a stage that looks at the map alone.

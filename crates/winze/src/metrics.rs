@@ -1,7 +1,7 @@
 //! The paper's metrics, and pose error.
 
 use crate::cloud::Cloud;
-use crate::kdtree::KdTree;
+use crate::kdtree::{KdTree, Neighbour};
 use crate::parallel;
 use crate::pose::{Pose, PoseDistance};
 
@@ -28,21 +28,11 @@ pub fn inliers(
     map_from_query: &Pose,
     distance: f64,
 ) -> InlierMetrics {
-    let pose = map_from_query.between_origins(map_origin, query.origin());
-    #[expect(clippy::cast_possible_truncation, reason = "metres")]
-    let radius = distance as f32;
+    let near = near(map_tree, map_origin, query, map_from_query, distance);
     let (count, sum) = parallel::sum(
         query.len(),
         |(count, sum): &mut (usize, f64), i| {
-            let p = pose.transform(query.points()[i].map(f64::from));
-            #[expect(
-                clippy::cast_possible_truncation,
-                reason = "offsets within f32's range"
-            )]
-            let p = p.map(|v| v as f32);
-            if let Some(n) = map_tree.nearest_within(p, radius)
-                && n.distance_squared < radius * radius
-            {
+            if let Some(n) = near(i) {
                 *count += 1;
                 *sum += f64::from(n.distance_squared);
             }
@@ -56,6 +46,29 @@ pub fn inliers(
     InlierMetrics {
         fraction: count as f64 / query.len().max(1) as f64,
         rmse: (count > 0).then(|| (sum / count as f64).sqrt()),
+    }
+}
+
+/// Which point of the map makes a point of the query an inlier, for all of these, by their indices.
+pub(crate) fn near<'a>(
+    map_tree: &'a KdTree<'_>,
+    map_origin: [f64; 3],
+    query: &'a Cloud,
+    map_from_query: &Pose,
+    distance: f64,
+) -> impl Fn(usize) -> Option<Neighbour> + Sync + 'a {
+    let pose = map_from_query.between_origins(map_origin, query.origin());
+    #[expect(clippy::cast_possible_truncation, reason = "metres")]
+    let radius = distance as f32;
+    move |i| {
+        let p = pose.transform(query.points()[i].map(f64::from));
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "offsets within f32's range"
+        )]
+        let p = p.map(|v| v as f32);
+        let near = map_tree.nearest_within(p, radius)?;
+        (near.distance_squared < radius * radius).then_some(near)
     }
 }
 

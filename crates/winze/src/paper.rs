@@ -115,8 +115,56 @@ impl Run<'_> {
         })
     }
 
-    /// The paper's refiners on every start that a first look leaves in the race; candidates come in
-    /// the order of `starts`.
+    /// Of the poses that RANSAC found, the first and those that a first look leaves in the race.
+    pub(crate) fn first_and_fittest(
+        &mut self,
+        map: &Surface<'_>,
+        query: &Surface<'_>,
+        poses: Vec<Pose>,
+        verify: &VerifyConfig,
+    ) -> Vec<Pose> {
+        if poses.len() <= verify.refined {
+            return poses;
+        }
+        let first_look = VerifyConfig {
+            overlap_distance: verify.first_look_distance,
+            ..verify.clone()
+        };
+        self.stage("shortlist", poses.len(), || {
+            let overlap: Vec<f64> = poses
+                .iter()
+                .map(|p| fit(map, query, p, &first_look).overlap)
+                .collect();
+            let mut order: Vec<usize> = (0..poses.len()).collect();
+            // The first, on which the paper's methods build, stays whatever it looks like.
+            order[1..].sort_by(|&a, &b| overlap[b].total_cmp(&overlap[a]));
+            order.truncate(verify.refined);
+            let kept: Vec<Pose> = order.into_iter().map(|i| poses[i]).collect();
+            let n = kept.len();
+            (kept, n)
+        })
+    }
+
+    /// The Gaussians of a map, and its surface.
+    pub(crate) fn cells<'m, 'a>(
+        &mut self,
+        map: &'m mut MapAt<'a>,
+    ) -> Result<(&'m [NdtCells<'a>], &'m Surface<'a>)> {
+        let (config, points) = (self.config, map.len());
+        let whole = map.counted();
+        let made = self.map_stage("make NDT cells", points, || {
+            let cells = map.cells(config);
+            let count = |(levels, _): &(&[NdtCells<'_>], _)| levels.iter().map(NdtCells::len).sum();
+            let made = cells.as_ref().map_or(0, count);
+            let n = whole.unwrap_or(made);
+            (cells.map(|cells| (cells, n)), n)
+        });
+        let (cells, n) = made?;
+        self.trail.made(n);
+        Ok(cells)
+    }
+
+    /// The paper's refiners on every start; candidates come in the order of `starts`.
     pub(crate) fn refine(
         &mut self,
         map: &mut MapAt<'_>,
@@ -126,57 +174,27 @@ impl Run<'_> {
     ) -> Result<Vec<Candidate>> {
         let (config, method) = (self.config, self.request.method);
         let (query, known) = (&query.surface, &query.refinements);
-        let mut poses: Vec<(Pose, Option<StopReason>)> =
-            starts.iter().map(|p| (*p, None)).collect();
-        if poses.len() > verify.refined {
-            let first_look = VerifyConfig {
-                overlap_distance: verify.first_look_distance,
-                ..verify.clone()
-            };
-            poses = self.stage("shortlist", poses.len(), || {
-                let overlap: Vec<f64> = poses
-                    .iter()
-                    .map(|(p, _)| fit(&map.surface, query, p, &first_look).overlap)
-                    .collect();
-                let mut order: Vec<usize> = (0..poses.len()).collect();
-                // The first, on which the paper's methods build, stays whatever it looks like.
-                order[1..].sort_by(|&a, &b| overlap[b].total_cmp(&overlap[a]));
-                order.truncate(verify.refined);
-                let kept: Vec<_> = order.into_iter().map(|i| poses[i]).collect();
-                let n = kept.len();
-                (kept, n)
-            });
-        }
-        let candidates: Vec<Candidate> = if method.uses_ndt() && !poses.is_empty() {
-            let (levels, map) =
-                self.map_stage("make NDT cells", map.surface.points.len(), || {
-                    let cells = map.cells(config);
-                    let count =
-                        |(levels, _): &(&[NdtCells<'_>], _)| levels.iter().map(NdtCells::len).sum();
-                    let n = cells.as_ref().map_or(0, count);
-                    (cells, n)
-                })?;
+        let candidates: Vec<Candidate> = if method.uses_ndt() && !starts.is_empty() {
+            let (levels, map) = self.cells(map)?;
             let candidate =
                 |pose: &Pose, stop: Option<StopReason>| candidate(map, query, pose, stop, verify);
             // A start that no features found is a guess: far from the truth the residual says little.
             let guard = config.ndt.keep_better && method.uses_features();
-            self.stage("refine by NDT", poses.len(), || {
-                let refine = |(pose, stop): &(Pose, Option<StopReason>)| {
+            self.stage("refine by NDT", starts.len(), || {
+                let refine = |pose: &Pose| {
                     let refined = known.get(Refiner::Ndt, pose, || {
                         ndt::align(levels, map, query, pose, &config.ndt)
                     });
                     let after = candidate(&refined.map_from_query, Some(refined.stop));
-                    guarded(guard, || candidate(pose, *stop), after, map, query, verify)
+                    guarded(guard, || candidate(pose, None), after, map, query, verify)
                 };
-                let refined: Vec<Candidate> = poses.par_iter().map(refine).collect();
+                let refined: Vec<Candidate> = starts.par_iter().map(refine).collect();
                 let n = refined.len();
                 (refined, n)
             })
         } else {
-            let place = |(pose, stop): &(Pose, Option<StopReason>)| {
-                candidate(&map.surface, query, pose, *stop, verify)
-            };
-            poses.iter().map(place).collect()
+            let place = |pose: &Pose| candidate(&map.surface, query, pose, None, verify);
+            starts.iter().map(place).collect()
         };
         let map = &map.surface;
         let candidate =

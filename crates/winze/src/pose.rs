@@ -106,6 +106,19 @@ impl Pose {
     /// [`Error::NotRigid`] where an entry is not finite, the last row is not `0 0 0 1`, the upper
     /// left block is further than 1 % from a rotation, or it is a reflection.
     pub fn from_matrix(matrix: [[f64; 4]; 4]) -> Result<Self> {
+        let as_given = Self::from_exact_matrix(matrix)?;
+        let m = as_given.rotation;
+        Ok(Self {
+            rotation: best_rotation(&m).unwrap_or(m),
+            ..as_given
+        })
+    }
+
+    /// From a row-major 4×4 matrix that [`Pose::to_matrix`] gave: the same pose, to the bit. Nothing is projected.
+    ///
+    /// # Errors
+    /// As [`Pose::from_matrix`].
+    pub fn from_exact_matrix(matrix: [[f64; 4]; 4]) -> Result<Self> {
         if matrix.iter().flatten().any(|v| !v.is_finite()) {
             return Err(Error::NotRigid("an entry is not a finite number".into()));
         }
@@ -132,7 +145,7 @@ impl Pose {
             ));
         }
         Ok(Self {
-            rotation: best_rotation(&m).unwrap_or(m),
+            rotation: m,
             translation: Vector3::new(matrix[0][3], matrix[1][3], matrix[2][3]),
         })
     }

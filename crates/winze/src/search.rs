@@ -16,8 +16,8 @@ use crate::error::Result;
 use crate::judge::{Judgement, judge};
 use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt};
 use crate::locate::{Attempt, Run, guarded, point_to_plane};
-use crate::ndt::NdtCells;
 use crate::pose::Pose;
+use crate::prepare::Surface;
 use crate::verify::{
     Candidate, beyond_doubt, by_evidence, candidate, confirmed, fit, hopeful, rank, same_place,
 };
@@ -83,29 +83,21 @@ impl Run<'_> {
         Ok(Attempt::last(answer))
     }
 
-    /// Refines `starts` in stages that let go of the poor ones early, each looking more closely at fewer: where most of
-    /// the query lies near the map, NDT and what then lies on it, ICP. `last`: no finer size follows.
-    pub(crate) fn race(
+    /// Of the poses that features led to, those that a first look leaves in the race.
+    pub(crate) fn fittest(
         &mut self,
-        map: &mut MapAt<'_>,
-        query: &QueryAt,
-        starts: &[Pose],
+        map: &Surface<'_>,
+        query: &Surface<'_>,
+        starts: Vec<Pose>,
         verify: &VerifyConfig,
-        last: bool,
-    ) -> Result<Vec<Candidate>> {
-        let config = self.config;
-        let query = &query.surface;
-        let glance = &VerifyConfig {
+    ) -> Vec<Pose> {
+        let first_look = VerifyConfig {
             max_points: at_most(verify.max_points, GLANCE),
+            overlap_distance: verify.first_look_distance,
             ..verify.clone()
         };
-        let first_look = VerifyConfig {
-            overlap_distance: verify.first_look_distance,
-            ..glance.clone()
-        };
-        let surface = &map.surface;
-        let poses = self.stage("shortlist", starts.len(), || {
-            let look = |p: &Pose| fit(surface, query, p, &first_look).overlap;
+        self.stage("shortlist", starts.len(), || {
+            let look = |p: &Pose| fit(map, query, p, &first_look).overlap;
             let overlap: Vec<f64> = starts.par_iter().map(look).collect();
             let mut order: Vec<usize> = (0..starts.len()).collect();
             // What most correspondences support stays, whatever it looks like: of a query that is mostly dust or mostly unmapped
@@ -116,16 +108,29 @@ impl Run<'_> {
             let kept: Vec<Pose> = order.into_iter().map(|i| starts[i]).collect();
             let n = kept.len();
             (kept, n)
-        });
+        })
+    }
+
+    /// Refines `poses` in stages that let go of the poor ones early, each looking more closely at fewer: NDT, and of what then lies
+    /// on the map, ICP. `last`: no finer size follows.
+    pub(crate) fn race(
+        &mut self,
+        map: &mut MapAt<'_>,
+        query: &QueryAt,
+        poses: &[Pose],
+        verify: &VerifyConfig,
+        last: bool,
+    ) -> Result<Vec<Candidate>> {
+        let config = self.config;
+        let query = &query.surface;
+        let glance = &VerifyConfig {
+            max_points: at_most(verify.max_points, GLANCE),
+            ..verify.clone()
+        };
         if poses.is_empty() {
             return Ok(Vec::new());
         }
-        let (levels, map) = self.map_stage("make NDT cells", surface.points.len(), || {
-            let cells = map.cells(config);
-            let count = |(levels, _): &(&[NdtCells<'_>], _)| levels.iter().map(NdtCells::len).sum();
-            let n = cells.as_ref().map_or(0, count);
-            (cells, n)
-        })?;
+        let (levels, map) = self.cells(map)?;
         let ndt_config = NdtConfig {
             max_points: at_most(config.ndt.max_points, GLANCE),
             ..config.ndt.clone()
@@ -183,12 +188,7 @@ impl Run<'_> {
             let n = made.surface.points.len();
             (&made.surface, n)
         });
-        let map = self.map_stage("prepare map", map.points(), || {
-            let made = map.at(at, config);
-            let n = made.as_ref().map_or(0, |m| m.surface.points.len());
-            (made, n)
-        })?;
-        let map = &map.surface;
+        let map = &self.prepared_map(map, at)?.surface;
         let icp_config = point_to_plane(&config.icp);
         // From where the last size left it, a right pose has not far to go; a wrong one never arrives.
         let polish_config = IcpConfig {
