@@ -221,7 +221,13 @@ fn what_breaks_the_rules_is_named() {
             "manifest.json",
             "\"entry\": \"",
             "\"entry\": \"../",
-            "../query.pcd: is missing",
+            "not named after",
+        ),
+        (
+            "manifest.json",
+            "\"config.toml\"",
+            "\"c\\u001b[2J.toml\"",
+            "cannot be shown",
         ),
         (
             "manifest.json",

@@ -48,7 +48,7 @@ fn drawn(calibration: &Calibration, svg: &mut String) -> Drawn {
             [(from, from), (1.0, 1.0)],
             BLACK.mix(0.4).stroke_width(1),
         ))?;
-        for bin in &calibration.bins {
+        for (i, bin) in calibration.bins.iter().enumerate() {
             let (Some(share), Some(low), Some(high)) =
                 (bin.right.share, bin.right.low, bin.right.high)
             else {
@@ -63,13 +63,16 @@ fn drawn(calibration: &Calibration, svg: &mut String) -> Drawn {
             if share >= from {
                 chart.draw_series([Circle::new((x, share), 5, BLUE_DOT.filled())])?;
             }
-            let count = format!("{} of {}", bin.right.count, bin.right.of);
-            // Beside the dot, on the side that has room.
-            let middle = from + 0.5 * (1.0 - from);
-            let aside = if x > middle { -0.19 } else { 0.025 } * (1.0 - from);
-            let font = ("sans-serif", 12).into_font().color(&BLACK);
-            let at = (x + aside, share.max(from) - 0.005 * (1.0 - from));
-            chart.draw_series([Text::new(count, at, font)])?;
+            // Upright beside the whisker, every other one higher, since the surest lie close together.
+            if x < from + 0.9 * (1.0 - from) || from > 0.0 {
+                let count = format!("{} of {}", bin.right.count, bin.right.of);
+                let range = 1.0 - from;
+                let height = if i % 2 == 0 { 0.24 } else { 0.5 };
+                let font = ("sans-serif", 12).into_font().color(&BLACK);
+                let upright = font.transform(FontTransform::Rotate270);
+                let at = (x - 0.032 * range, from + height * range);
+                chart.draw_series([Text::new(count, at, upright)])?;
+            }
         }
     }
     root.present()?;
@@ -100,9 +103,9 @@ mod tests {
             bins: vec![bin(0.04, 4, 120), bin(0.995, 200, 200)],
         })
         .unwrap();
-        // The sure one in both panels.
+        // The sure one in both panels, told in the one that has room.
         assert_eq!(svg.matches("<circle").count(), 3);
-        assert_eq!(svg.matches("200 of 200").count(), 2);
+        assert_eq!(svg.matches("200 of 200").count(), 1);
         assert!(svg.contains("4 of 120"));
     }
 }

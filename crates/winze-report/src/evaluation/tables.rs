@@ -139,8 +139,8 @@ pub fn bin_table(calibrations: &[Calibration]) -> Table {
         for b in &c.bins {
             table.row(vec![
                 c.method.clone(),
-                decimal(Some(b.from), 2),
-                decimal(Some(b.to), 2),
+                decimal(Some(b.from), 4),
+                decimal(Some(b.to), 4),
                 decimal(Some(b.confidence), 4),
                 rate(&b.right),
                 b.judged().into(),
