@@ -366,11 +366,12 @@ fn near(text: &str) -> Result<Near, String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse()).collect();
     let numbers = numbers.unwrap_or_default();
     match numbers[..] {
-        [x, y, z, radius] if numbers.iter().all(|v| v.is_finite()) && radius > 0.0 => Ok(Near {
+        // No coordinate is further out than a bundle holds.
+        [x, y, z, radius] if numbers.iter().all(|v| v.abs() <= 1e9) && radius > 0.0 => Ok(Near {
             centre: [x, y, z],
             radius,
         }),
-        _ => Err("give four numbers, such as 120,-35,4,25, the last above 0".into()),
+        _ => Err("give four numbers up to 1e9, such as 120,-35,4,25, the last above 0".into()),
     }
 }
 

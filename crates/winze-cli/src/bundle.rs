@@ -49,12 +49,14 @@ pub(crate) fn write(
         progress.say("write bundle");
         bundle.part = MapPart::cut(seen.map, seen.query, seen.config, seen.traced, reach)?;
         let bytes = bundle.to_bytes()?;
+        // It can be large, and is read again from the bytes.
+        bundle.part = MapPart::default();
         // As whoever gets it will read it.
         progress.say("replay bundle");
         let read = Bundle::from_bytes(&path.display().to_string(), &bytes)?;
         match replay::answer(&read, None, &|_, _| ()) {
             Ok(again) => {
-                differ = replay::differences(&bundle.outcome, &again.document.to_json())?;
+                differ = replay::differences(&read.outcome, &again.document.to_json())?;
                 if differ.is_empty() {
                     atomic::write_bytes(path, &bytes)?;
                     return Ok(());

@@ -199,6 +199,26 @@ fn a_query_from_a_pipe_is_kept_too() {
 }
 
 #[test]
+#[cfg(target_os = "linux")]
+fn a_file_that_cannot_be_written_does_not_cost_the_bundle() {
+    let away = tempfile::tempdir().unwrap();
+    let kept = away.path().join("kept.zip");
+    let args = format!(
+        "locate --quiet map.xyz query.XYZ --json /dev/full --bundle {}",
+        kept.display()
+    );
+    let run = winze(folder(), &args);
+    assert_eq!(run.code, Some(2), "{}", run.stderr);
+    assert!(run.stderr.contains("/dev/full"), "{}", run.stderr);
+    assert!(Bundle::open(&kept).is_ok());
+    refused(
+        folder(),
+        "locate map.xyz query.XYZ --bundle -",
+        "name a file",
+    );
+}
+
+#[test]
 fn what_is_not_as_it_was_is_told() {
     let (away, _) = replayed(folder(), "map.xyz query.XYZ");
     let a = away.path();
@@ -225,6 +245,20 @@ fn what_is_not_as_it_was_is_told() {
     assert!(
         run.stderr
             .contains("verdict (then \"ambiguous\", now \"located\")"),
+        "{}",
+        run.stderr
+    );
+    // Of another version the answer counts, not the version.
+    let mut older = kept.clone();
+    let version = format!("\"winze\": \"{}\"", env!("CARGO_PKG_VERSION"));
+    older.outcome = kept.outcome.replace(&version, "\"winze\": \"0.0.9\"");
+    older.winze = "0.0.9".into();
+    older.write(&at("older.zip")).unwrap();
+    let run = winze(a, "replay older.zip");
+    assert_eq!(run.code, Some(0), "{}", run.stderr);
+    assert!(run.stderr.contains("the same answer"), "{}", run.stderr);
+    assert!(
+        run.stderr.contains("taken from the bundle"),
         "{}",
         run.stderr
     );
