@@ -10,6 +10,7 @@ use crate::locate::Answer;
 pub(crate) struct Page {
     scene: Scene,
     verify: VerifyConfig,
+    with_normal: Option<usize>,
     command: String,
 }
 
@@ -23,10 +24,16 @@ impl Page {
         command: String,
     ) -> anyhow::Result<Self> {
         let query = kept_query.cloud();
+        // A query that is refused for want of them has no pose, and is counted all the same.
+        let with_normal = outcome.voxel.map(|voxel| {
+            let normals = &kept_query.surface(voxel, config).normals;
+            normals.iter().filter(|n| **n != [0.0; 3]).count()
+        });
         let Some(voxel) = outcome.voxel.filter(|_| outcome.map_from_query.is_some()) else {
             return Ok(Self {
                 scene: scene(map, query, outcome, None, Limits::PAGE),
                 verify: config.verify.clone(),
+                with_normal,
                 command,
             });
         };
@@ -39,6 +46,7 @@ impl Page {
         Ok(Self {
             scene: scene(map, query, outcome, Some(judged), Limits::PAGE),
             verify,
+            with_normal,
             command,
         })
     }
@@ -50,6 +58,7 @@ impl Page {
             error: answer.error.as_ref(),
             document: &answer.document,
             verify: &self.verify,
+            with_normal: self.with_normal,
             command: &self.command,
             scene: &self.scene,
             png,

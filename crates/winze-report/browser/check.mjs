@@ -1,8 +1,8 @@
 // Opens reports in a headless Chromium, turns, clicks and types, and checks what is drawn.
 //
-//     npm ci && node check.mjs [--shots FOLDER] REPORT.html...
+//     npm ci && node check.mjs [--shots FOLDER] [VERDICT=]REPORT.html...
 //
-// Prints what was checked; exits 1 where something was not as it should be. CHROMIUM names another browser than /usr/bin/chromium.
+// With a verdict before its name, a report must have that one. Prints what was checked; exits 1 where something was not as it should be. CHROMIUM names another browser than /usr/bin/chromium.
 
 import { mkdirSync } from 'node:fs';
 import { basename, join, resolve } from 'node:path';
@@ -29,12 +29,18 @@ function check(ok, what, more = '') {
 // The first report is looked at in all of them, the others on a phone.
 const SIZES = [[360, 740], [768, 1024], [1366, 768], [1920, 1080]];
 
-const first = pathToFileURL(resolve(args[0])).href;
-for (const file of args) {
+const VERDICTS = /^(located|ambiguous|degenerate|not_found|insufficient)=(.+)$/;
+const reports = args.map((arg) => {
+    const [, verdict, file] = arg.match(VERDICTS) || [arg, null, arg];
+    return { verdict, file };
+});
+
+const first = pathToFileURL(resolve(reports[0].file)).href;
+for (const { verdict, file } of reports) {
     const begun = Date.now();
     console.log(file);
     const url = pathToFileURL(resolve(file)).href;
-    await looks(url, basename(file, '.html'));
+    await looks(url, basename(file, '.html'), verdict);
     if (url === first) await withoutWebgl(url);
     console.log(`  ${((Date.now() - begun) / 1000).toFixed(1)} s`);
 }
@@ -42,7 +48,7 @@ console.log(`${checks} checks, ${failures} failed`);
 process.exit(failures ? 1 : 0);
 
 // Everything that is looked at in a browser that can draw.
-async function looks(url, name) {
+async function looks(url, name, verdict) {
     const { browser, page, trouble } = await open(url, {});
     try {
         const facts = await page.evaluate(() => ({
@@ -52,6 +58,7 @@ async function looks(url, name) {
             open: JSON.parse(document.getElementById('scene-0').textContent).open.length,
         }));
         console.log(`  (${facts.verdict}, ${facts.places} places)`);
+        if (verdict) check(facts.verdict === verdict, `the verdict is ${verdict}`, facts.verdict);
         await drawn(page, facts);
         await turning(page);
         if (facts.places > 0) await choosing(page, facts);
@@ -92,6 +99,9 @@ async function drawn(page, facts) {
         await page.click('[data-colour="residuals"]');
         await settle(page);
     }
+    // Residuals have a yellow of their own.
+    await page.keyboard.press('g');
+    await settle(page);
     if (facts.open > 0) {
         const amber = await page.evaluate(() => tools.count('amber'));
         const named = await page.$$eval('.tag.open', (tags) => tags.some((t) => !t.hidden));
@@ -101,6 +111,28 @@ async function drawn(page, facts) {
         const amber = await page.evaluate(() => tools.count('amber'));
         check(amber > 100, 'the other place is drawn as well', `${amber} pixels`);
     }
+    await page.keyboard.press('r');
+    await settle(page);
+    if (facts.verdict === 'ambiguous') {
+        const told = await page.$eval('[data-legend="residuals"]', (e) => /could lie as well/.test(e.textContent));
+        check(told, 'and the legend says what it is');
+    }
+    await restored(page);
+}
+
+// A browser may take the graphics card away and give it back.
+async function restored(page) {
+    const before = await page.evaluate(() => tools.hash());
+    await page.evaluate(() => new Promise((done) => {
+        const canvas = document.getElementById('view');
+        const lose = canvas.getContext('webgl2').getExtension('WEBGL_lose_context');
+        canvas.addEventListener('webglcontextrestored', () => setTimeout(done, 0), { once: true });
+        canvas.addEventListener('webglcontextlost', () => setTimeout(() => lose.restoreContext(), 50), { once: true });
+        lose.loseContext();
+    }));
+    await settle(page);
+    const after = await page.evaluate(() => tools.hash());
+    check(before === after, 'what was drawn is drawn again after the context was lost');
 }
 
 async function turning(page) {

@@ -58,6 +58,18 @@ function ellipsoidMark(ellipsoid, material) {
     return group;
 }
 
+// How far an ellipsoid reaches along a direction, metres.
+function reachOf(ellipsoid, direction) {
+    const d = direction.clone().normalize();
+    return Math.hypot(...ellipsoid.axes.map((a, i) => ellipsoid.half[i] * d.dot(new THREE.Vector3(...a))));
+}
+
+// A length as people say it.
+function metresOf(metres) {
+    if (metres < 1) return `${Math.max(1, Math.round(100 * metres))} cm`;
+    return `${metres.toFixed(metres < 10 ? 1 : 0)} m`;
+}
+
 // A round number by which the ellipsoid must be drawn larger to be seen in a ball of some radius.
 function exaggeration(ellipsoid, radius) {
     const half = Math.max(...ellipsoid.half, 1e-9);

@@ -48,6 +48,11 @@ function bindPanel(shown) {
         });
         all('[data-only="before"]').forEach((e) => (e.hidden = !state.before));
         const place = scene.places[state.place];
+        const unasked = place && state.colouring === 'patches' && !state.before && scene.patches && !scene.patches.answers[state.place];
+        all('[data-only="unasked"]').forEach((e) => {
+            e.hidden = !unasked;
+            if (unasked) e.textContent = place.piecewise ? 'The query is bent: its rock was asked piece by piece at this place, which is not drawn.' : 'The rock was not asked at this place.';
+        });
         if (place) {
             const parts = { fine: place.fine, near: place.overlap - place.fine, off: 1 - place.overlap };
             for (const [name, share] of Object.entries(parts)) {

@@ -143,6 +143,8 @@ function makeStage(canvas) {
     };
 
     controls.addEventListener('change', stage.ask);
+    // What a graphics card has forgotten is drawn anew.
+    canvas.addEventListener('webglcontextrestored', stage.ask);
     const resized = new ResizeObserver(stage.fit);
     resized.observe(canvas.parentElement);
     stage.end = function () {

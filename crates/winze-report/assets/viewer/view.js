@@ -52,11 +52,12 @@ function makeView(scene, canvas, layer) {
     scene.open.forEach((open) => {
         const d = new THREE.Vector3(...open.direction);
         const slides = open.kind === 'translation';
-        overlay.tag('open', slides ? 'free to slide this way' : 'free to turn about this', () => d.clone().multiplyScalar((slides ? 0.75 : 0.6) * radius).add(about.position), atAnswer);
+        const far = slides && scene.ellipsoid ? `, ± ${metresOf(reachOf(scene.ellipsoid, d))}` : '';
+        overlay.tag('open', slides ? `free to slide this way${far}` : 'free to turn about this', () => d.clone().multiplyScalar((slides ? 0.75 : 0.6) * radius).add(about.position), atAnswer);
     });
     if (ellipsoid) {
         const tag = overlay.tag('doubt', '', () => about.position, atAnswer);
-        listeners.push(() => (tag.textContent = `95 % ellipsoid${state.factor > 1 ? `, drawn ×${state.factor}` : ''}`));
+        listeners.push(() => (tag.textContent = `95 % ellipsoid${scene.guess ? ' of place 1, a guess' : ''}${state.factor > 1 ? `, drawn ×${state.factor}` : ''}`));
     }
     scene.places.forEach((place, i) => {
         const [, top] = heights(placementOf(place));

@@ -67,7 +67,7 @@ fn facts(outcome: &Outcome, error: Option<&PoseDistance>) -> Vec<(&'static str, 
     let guess = if believed {
         String::new()
     } else {
-        " of the best guess, not to be relied on".into()
+        " of the best guess, not to be relied on".to_owned()
     };
     if let Some(confidence) = outcome.confidence {
         let digits = if confidence > 0.99 { 2 } else { 1 };
@@ -90,16 +90,22 @@ fn facts(outcome: &Outcome, error: Option<&PoseDistance>) -> Vec<(&'static str, 
         facts.push((
             "Its frame's attitude and origin",
             format!("{yaw:.1}°, {pitch:.1}°, {roll:.1}°"),
-            format!("yaw, pitch, roll; {x:.2}, {y:.2}, {z:.2} m"),
+            format!("yaw, pitch, roll; {x:.2}, {y:.2}, {z:.2} m{guess}"),
         ));
     }
     if let (Some(e), Some(c)) = (ellipsoid(outcome), outcome.covariance) {
         let [a, b, c_] = e.half.map(length);
+        let long = if outcome.verdict == Verdict::Degenerate {
+            let [x, y, z] = e.long();
+            format!(", the longest along ({x:.2}, {y:.2}, {z:.2})")
+        } else {
+            String::new()
+        };
         let turn = (c[3][3] + c[4][4] + c[5][5]).max(0.0).sqrt().to_degrees();
         facts.push((
             "Uncertainty, 95 %",
             format!("± {c_}, {b}, {a}"),
-            format!("half axes of the ellipsoid; turned by {turn:.2}° (1 σ)"),
+            format!("half axes of the ellipsoid{long}; turned by {turn:.2}° (1 σ){guess}"),
         ));
     }
     if let Some(fraction) = outcome.inlier_fraction {

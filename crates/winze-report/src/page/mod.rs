@@ -47,6 +47,8 @@ pub struct Report<'a> {
     pub document: &'a Document,
     /// What it was verified by.
     pub verify: &'a VerifyConfig,
+    /// How many of the query's prepared points have a surface normal; `None` where it was not prepared.
+    pub with_normal: Option<usize>,
     /// The command line that gives it again.
     pub command: &'a str,
     /// What is drawn.
@@ -67,7 +69,7 @@ pub fn page(report: &Report<'_>) -> String {
         answer::answer(outcome, report.verify),
         answer::fact_list(outcome, report.error),
         view::view(report),
-        why::why(outcome, report.verify),
+        why::why(report),
         places::places(outcome),
         run::stages(outcome),
         run::again(report),

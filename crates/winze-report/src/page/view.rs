@@ -48,7 +48,12 @@ pub(super) fn view(report: &Report<'_>) -> String {
         let factors = [1, 10, 100, 1000].map(|f| format!("<option value=\"{f}\">×{f}</option>"));
         let _ = write!(
             out,
-            "<label>95 % ellipsoid (± {})<select id=\"factor\">{}</select></label>",
+            "<label>95 % ellipsoid{} (± {})<select id=\"factor\">{}</select></label>",
+            if scene.is_guess() {
+                " of place 1, a guess"
+            } else {
+                ""
+            },
             length(e.half[2]),
             factors.concat()
         );
@@ -70,12 +75,12 @@ pub(super) fn view(report: &Report<'_>) -> String {
 /// The canvas and what lies over it; `before` is said of the query as it came.
 pub(crate) fn stage(before: &str) -> String {
     let mut out = String::from(
-        "<div class=\"stage\"><canvas id=\"view\" tabindex=\"0\" role=\"img\" aria-label=\"The query in the map, in three dimensions. Arrow keys turn it, plus and minus zoom.\"></canvas>\
+        "<div class=\"stage\"><canvas id=\"view\" tabindex=\"0\" role=\"application\" aria-roledescription=\"three-dimensional view\" aria-label=\"The query in the map. Arrow keys turn it, plus and minus zoom.\"></canvas>\
          <div id=\"layer\">",
     );
     let _ = write!(
         out,
-        "<p class=\"note\" data-only=\"before\" hidden>{before}</p><svg class=\"axes\" viewBox=\"0 0 64 64\" aria-hidden=\"true\">"
+        "<p class=\"note\" data-only=\"before\" hidden>{before}</p><p class=\"note\" data-only=\"unasked\" hidden></p><svg class=\"axes\" viewBox=\"0 0 64 64\" aria-hidden=\"true\">"
     );
     for axis in ["x", "y", "z"] {
         let _ = write!(
@@ -134,20 +139,20 @@ fn legend(report: &Report<'_>) -> String {
         format!("<span><i class=\"swatch\" style=\"background:var(--{colour})\"></i>{text}</span>")
     };
     let map = swatch("map", "map");
+    let ghosts = if report.scene.has_ghosts() {
+        swatch("ghost", "the query where it could lie as well")
+    } else {
+        String::new()
+    };
     let mut out = format!(
-        "<div class=\"legend\"><div class=\"row\" data-legend=\"plain\">{map}{}{}</div>",
-        swatch("query", "query"),
-        if report.outcome.verdict == winze::Verdict::Ambiguous {
-            swatch("doubt", "the query where it could lie as well")
-        } else {
-            String::new()
-        }
+        "<div class=\"legend\"><div class=\"row\" data-legend=\"plain\">{map}{}{ghosts}</div>",
+        swatch("query", "query")
     );
     if let Some([fine, most, reach]) = report.scene.reach() {
         let cm = |m: f64| format!("{:.0} cm", 100.0 * m);
         let _ = write!(
             out,
-            "<div data-legend=\"residuals\" hidden><div class=\"row\">{map}<span class=\"ramp\">the query lies 0<i></i>{}+ off the map's surface</span>{}</div>\
+            "<div data-legend=\"residuals\" hidden><div class=\"row\">{map}<span class=\"ramp\">the query lies 0<i></i>{}+ off the map's surface</span>{}{ghosts}</div>\
              <div class=\"parts\" aria-hidden=\"true\"><i data-part=\"fine\"></i><i data-part=\"near\"></i><i data-part=\"off\"></i></div>\
              <div class=\"row\"><span><b data-share=\"fine\"></b> lies finely (within {})</span><span><b data-share=\"near\"></b> does not</span>\
              <span><b data-share=\"off\"></b> has no map within {}</span></div></div>",
@@ -160,7 +165,7 @@ fn legend(report: &Report<'_>) -> String {
     if report.scene.has_patches() {
         let _ = write!(
             out,
-            "<div data-legend=\"patches\" hidden><div class=\"row\">{map}{}{}{}</div>\
+            "<div data-legend=\"patches\" hidden><div class=\"row\">{map}{}{}{}{ghosts}</div>\
              <p class=\"faint\">Each disc is a patch of wall, laid on the map where the pose puts it and then moved about: the same rock lies finest unmoved. By chance one in three does.</p></div>",
             swatch("fine", "this patch lies finest right here"),
             swatch("worst", "it lies as well elsewhere"),

@@ -2,18 +2,15 @@
 
 use std::fmt::Write as _;
 
-use winze::Outcome;
-use winze::config::VerifyConfig;
-
-use super::escape;
+use super::{Report, escape};
 use crate::criteria::{Criterion, criteria};
 
 /// The list of criteria, and the sentence.
-pub(super) fn why(outcome: &Outcome, verify: &VerifyConfig) -> String {
+pub(super) fn why(report: &Report<'_>) -> String {
     let mut out = String::from(
         "<section class=\"card\" aria-labelledby=\"why\"><h2 id=\"why\">Why</h2><ul class=\"why\">",
     );
-    let mut rows = criteria(outcome, verify);
+    let mut rows = criteria(report.outcome, report.verify, report.with_normal);
     // What decides is read first.
     rows.sort_by_key(|c| !c.decides);
     for c in rows {
@@ -36,7 +33,7 @@ pub(super) fn why(outcome: &Outcome, verify: &VerifyConfig) -> String {
     let _ = write!(
         out,
         "</ul><details><summary>In one sentence</summary><p class=\"because\">{}</p></details></section>",
-        escape(&outcome.reason)
+        escape(&report.outcome.reason)
     );
     out
 }

@@ -31,6 +31,14 @@ pub(crate) struct Ellipsoid {
     pub(crate) half: [f64; 3],
 }
 
+impl Ellipsoid {
+    /// Along its longest axis.
+    pub(crate) fn long(&self) -> [f64; 3] {
+        // Minus zero reads badly.
+        self.axes[2].map(|v| (100.0 * v).round() / 100.0 + 0.0)
+    }
+}
+
 /// Square root of the 95 % point of χ² with three degrees of freedom.
 const WITHIN_95: f64 = 2.795_483;
 

@@ -71,6 +71,8 @@ pub struct Judged<'a> {
 pub struct Scene {
     /// Other places of note are drawn beside the chosen one.
     ghosts: bool,
+    /// The first place is a guess, not an answer.
+    guess: bool,
     /// The scene's zero, in the map's frame, metres.
     origin: [f64; 3],
     map: Packed,
@@ -100,6 +102,16 @@ impl Scene {
 
     pub(crate) fn has_patches(&self) -> bool {
         self.patches.is_some()
+    }
+
+    /// The first place is a guess.
+    pub(crate) fn is_guess(&self) -> bool {
+        self.guess
+    }
+
+    /// The query is drawn faintly where else it could be.
+    pub(crate) fn has_ghosts(&self) -> bool {
+        self.ghosts && self.places.iter().any(Place::is_rival)
     }
 
     /// How far the query was moved to be shown before, metres.
@@ -139,6 +151,7 @@ pub fn scene(
     let in_order: Vec<[f64; 3]> = order.iter().map(|i| drawn.points[*i]).collect();
     Scene {
         ghosts: outcome.verdict == Verdict::Ambiguous,
+        guess: !matches!(outcome.verdict, Verdict::Located | Verdict::Degenerate),
         origin,
         before: before(&drawn_map.points, &drawn.points, middle, origin),
         map,
@@ -170,6 +183,7 @@ pub fn scene_of_run(
     let before = before(&drawn_map.points, &drawn.points, middle, origin);
     Scene {
         ghosts: true,
+        guess: false,
         origin,
         before,
         map: Packed::of(&drawn_map, origin).0,

@@ -15,6 +15,8 @@ pub(super) struct Place {
     /// Its number among the hypotheses, from 0.
     index: usize,
     rival: bool,
+    /// The rock was asked piece by piece.
+    piecewise: bool,
     /// Where the query's centroid lies in the scene, metres.
     at: [f64; 3],
     /// The query's axes in those of the map, a row a line.
@@ -26,6 +28,10 @@ pub(super) struct Place {
 }
 
 impl Place {
+    pub(super) fn is_rival(&self) -> bool {
+        self.rival
+    }
+
     /// `middle` is the query's centroid in its own frame, `origin` the scene's in the map's.
     fn at(pose: &Pose, index: usize, middle: [f64; 3], origin: [f64; 3]) -> Self {
         let at = pose.transform(middle);
@@ -33,6 +39,7 @@ impl Place {
         Self {
             index,
             rival: false,
+            piecewise: false,
             at: std::array::from_fn(|a| at[a] - origin[a]),
             turn: std::array::from_fn(|r| [m[r][0], m[r][1], m[r][2]]),
             overlap: 0.0,
@@ -50,6 +57,7 @@ pub(super) fn places(
 ) -> Vec<Place> {
     let of = |(i, h): &(usize, &RankedHypothesis)| Place {
         rival: h.rival,
+        piecewise: h.relief.is_some_and(|r| r.piecewise),
         overlap: h.overlap,
         fine: h.score,
         ..Place::at(&h.map_from_query, *i, middle, origin)
