@@ -61,6 +61,32 @@ fn json_of(path: &Path) -> Value {
 }
 
 #[test]
+fn confidence_is_held_against_what_came_true() {
+    let f = folder();
+    let args = "eval . --method auto --family demo --json sure.json --report sure.html";
+    let run = winze(f, args);
+    assert_eq!(run.code, Some(0), "{}", run.stderr);
+    let e = json_of(&f.join("sure.json"));
+    let here = &e["runs"][0];
+    assert!(here["confidence"].as_f64().unwrap() > 0.9, "{here}");
+    assert_eq!(here["evidence"], "located");
+    // As sure of the one whose label lies.
+    let told = e["calibrations"].as_array().unwrap();
+    let told = told.iter().find(|c| c["family"].is_null()).unwrap();
+    assert_eq!(told["answers"], 2, "{told}");
+    assert!(told["brier"].as_f64().unwrap() > 0.3, "{told}");
+    for part in ["ECE", "its mean"] {
+        assert!(run.stdout.contains(part), "{part}: {}", run.stdout);
+    }
+    assert!(run.stdout.lines().all(|l| l.chars().count() <= 120));
+    let page = std::fs::read_to_string(f.join("sure.html")).unwrap();
+    assert!(
+        page.contains("<svg") && !page.contains("xmlns="),
+        "no diagram"
+    );
+}
+
+#[test]
 fn cases_are_answered_judged_and_counted() {
     let f = folder();
     let args = format!(
@@ -99,6 +125,20 @@ fn cases_are_answered_judged_and_counted() {
     );
     assert_eq!(all["wrong_accepts"]["count"], 1);
     assert_eq!(e["labels"][2]["out_of_map"], 1);
+    // Nothing was counted with such settings.
+    assert_eq!(here["confidence"], json!(null));
+    assert_eq!(e["calibrations"], json!([]));
+    let covered = &e["coverages"][0];
+    assert_eq!(covered["family"], "demo");
+    // The label that lies does so by a few metres: too near for another place, far beyond any covariance.
+    assert_eq!(
+        (&covered["located"], &covered["answers"]),
+        (&json!(2), &json!(2))
+    );
+    assert!(
+        covered["answered"]["mean_nees"].as_f64().unwrap() > 100.0,
+        "{covered}"
+    );
     let cost = &e["costs"][0];
     assert_eq!(cost["maps"].as_array().unwrap().len(), 2, "each map once");
     assert!(cost["maps"][0]["work_seconds"].as_f64().unwrap() > 0.0);
@@ -108,6 +148,7 @@ fn cases_are_answered_judged_and_counted() {
         "recall % [95 %]",
         "out-of-map",
         "1/2 50.0 [9.5-90.5]",
+        "NEES",
         "peak memory",
     ] {
         assert!(run.stdout.contains(part), "{part}: {}", run.stdout);
@@ -119,7 +160,10 @@ fn cases_are_answered_judged_and_counted() {
     );
     let page = std::fs::read_to_string(f.join("out.html")).unwrap();
     assert!(page.contains("demo/mislabelled") && page.contains("wrong accept"));
-    assert!(page.contains("data:image/png;base64,") && !page.contains("http"));
+    assert!(page.contains("data:image/png;base64,") && page.contains("default-src 'none'"));
+    for part in ["src=\"http", "href=\"http", "@import", "url("] {
+        assert!(!page.contains(part), "{part}");
+    }
 
     // Alone, by either of the command lines given, it is the same answer.
     let again = here["again"][0]

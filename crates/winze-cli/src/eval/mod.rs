@@ -225,8 +225,8 @@ const CALIBRATION: &str = "Confidence of every answer that has one, against the 
 Brier: mean square difference from what came true. ECE: mean difference from the share right, over the bins.
 ";
 const COVERAGE: &str = "Errors of located poses in units of their covariance. Covered: within 5 m of the truth, and with a covariance.
-NEES: squared, 6 on average and 5.35 in the median where the covariance is right. Within one and two standard deviations:
-x, y, z and the angles about them (68 and 95 %). H⁻¹: by the inverse Hessian of the fit.
+NEES: squared, 6 on average and 5.35 in the median where the covariance is right. Within one and two standard
+deviations: x, y, z and the angles about them (68 and 95 %). H⁻¹: by the inverse Hessian of the fit.
 ";
 
 fn text(e: &Evaluation) -> String {
