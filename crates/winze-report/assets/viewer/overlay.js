@@ -11,7 +11,10 @@ function makeOverlay(stage, layer) {
         if (!seen) return;
         const x = ((v.x + 1) / 2) * width;
         const y = ((1 - v.y) / 2) * height;
-        tag.element.style.transform = `translate(${x.toFixed(1)}px, ${y.toFixed(1)}px)`;
+        // A name stays inside, the number of a place stays where the place is.
+        const pin = tag.element.classList.contains('pin');
+        const over = pin ? 0 : Math.max(0, x + tag.element.offsetWidth + 20 - width);
+        tag.element.style.transform = `translate(${(x - over).toFixed(1)}px, ${y.toFixed(1)}px)`;
     }
 
     const bar = layer.querySelector('.scale');
