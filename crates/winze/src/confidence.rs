@@ -14,6 +14,7 @@ use crate::method::Method;
 use crate::outcome::Verdict;
 use crate::pose::PoseDistance;
 use crate::relief::Relief;
+use crate::verify::asked_enough;
 
 /// How far the query's centroid may be off in an answer that counts as right, metres,
 pub const METRES: f64 = 0.5;
@@ -102,9 +103,8 @@ pub fn evidence(
     fits: bool,
     config: &VerifyConfig,
 ) -> Option<Evidence> {
-    let confirmed = relief.is_some_and(|r| {
-        r.asked >= config.min_patches && r.significance() >= config.min_significance
-    });
+    let confirmed =
+        asked_enough(relief, config).is_some_and(|r| r.significance() >= config.min_significance);
     match verdict {
         Verdict::Located => Some(Evidence::Located),
         Verdict::Ambiguous if confirmed => Some(Evidence::AmbiguousRock),

@@ -147,7 +147,7 @@ pub(crate) fn judge_against(
             return false;
         }
         // One that could not be asked is judged by its shape.
-        match asked_enough(c, config) {
+        match asked_enough(c.relief, config) {
             Some(r) if sure => as_sure(c, &r) || contradicts(c),
             _ => {
                 let as_fine = as_fine(&c.fit, fit, finest.median_point_to_plane, config);
@@ -297,7 +297,7 @@ fn strongest<'a>(
     config: &VerifyConfig,
 ) -> Option<(&'a Candidate, Relief)> {
     let places = places.into_iter();
-    let asked = places.filter_map(|c| Some((c, asked_enough(c, config)?)));
+    let asked = places.filter_map(|c| Some((c, asked_enough(c.relief, config)?)));
     asked.max_by(|(_, a), (_, b)| a.excess().total_cmp(&b.excess()))
 }
 

@@ -30,7 +30,7 @@ use crate::matching::{Correspondence, match_indexed};
 use crate::metrics::{self, InlierMetrics};
 use crate::ndt::{self, NdtCells};
 use crate::parallel;
-use crate::part::{Look, MapPart, PartLevel, Reference};
+use crate::part::{Look, MapPart, PartLevel};
 use crate::pose::Pose;
 use crate::prepare::{Frame, Surface, limit_range, prepare, remove_outliers};
 use crate::prepared::{PreparedMap, level_in};
@@ -63,6 +63,15 @@ enum Source<'a> {
     Cloud(&'a Cloud),
     Prepared(&'a dyn PreparedMap),
     Part(&'a MapPart),
+}
+
+/// Points to look things up among.
+struct Compared<'a> {
+    tree: &'a KdTree<'a>,
+    origin: [f64; 3],
+    points: &'a [[f32; 3]],
+    /// How many there are of the whole map.
+    of: usize,
 }
 
 /// A query and what was worked out about it so far, by [`locate_in`](crate::locate::locate_in).
@@ -184,18 +193,18 @@ impl<'a> KeptMap<'a> {
         Self::keeping(Source::Prepared(map), MOST_SIZES)
     }
 
-    /// What an earlier run looked at of a map, see [`part`](crate::part).
-    #[must_use]
-    pub fn part(part: &'a MapPart) -> Self {
-        Self::keeping(Source::Part(part), MOST_SIZES)
-    }
-
     /// The same, with the cloud that it was made of: the paper's metrics are then taken against all of its
     /// points, as they are for a map that was not prepared.
     #[must_use]
     pub fn measured_against(mut self, cloud: &'a Cloud) -> Self {
         self.reference = Some(cloud);
         self
+    }
+
+    /// What an earlier run looked at of a map, see [`part`](crate::part).
+    #[must_use]
+    pub fn part(part: &'a MapPart) -> Self {
+        Self::keeping(Source::Part(part), MOST_SIZES)
     }
 
     /// For a single question: one voxel size and the finest one at a time.
@@ -262,21 +271,14 @@ impl<'a> KeptMap<'a> {
         map_from_query: &Pose,
         config: &VerifyConfig,
     ) -> Result<InlierMetrics> {
-        let distance = config.inlier_distance;
-        let of = |tree: &KdTree<'_>, origin| {
-            metrics::inliers(tree, origin, query, map_from_query, distance)
-        };
-        match self.compared() {
-            Source::Cloud(cloud) => Ok(of(self.tree(cloud.points()), cloud.origin())),
-            Source::Prepared(map) => {
-                let finest = self.finest(map)?;
-                Ok(of(&finest.tree, finest.origin))
-            }
-            Source::Part(part) => {
-                let reference = &part.reference;
-                Ok(of(self.tree(&reference.points), reference.origin))
-            }
-        }
+        let compared = self.look_up()?;
+        Ok(metrics::inliers(
+            compared.tree,
+            compared.origin,
+            query,
+            map_from_query,
+            config.inlier_distance,
+        ))
     }
 
     /// What [`KeptMap::inliers`] at a pose is about: those points of the map that make one of `query`'s an inlier, in order, and their origin.
@@ -286,28 +288,20 @@ impl<'a> KeptMap<'a> {
         map_from_query: &Pose,
         distance: f64,
     ) -> Result<([f64; 3], Vec<[f32; 3]>)> {
-        let of = |tree: &KdTree<'_>, origin, points: &[[f32; 3]]| {
-            let near = metrics::near(tree, origin, query, map_from_query, distance);
-            let mut met = parallel::map_with(query.len(), || (), |(), i| near(i).map(|n| n.index));
-            met.sort_unstable();
-            met.dedup();
-            let met = met.into_iter().flatten().map(|i| points[i as usize]);
-            (origin, met.collect())
-        };
-        match self.compared() {
-            Source::Cloud(cloud) => {
-                let points = cloud.points();
-                Ok(of(self.tree(points), cloud.origin(), points))
-            }
-            Source::Prepared(map) => {
-                let finest = self.finest(map)?;
-                Ok(of(&finest.tree, finest.origin, &finest.points))
-            }
-            Source::Part(part) => {
-                let Reference { origin, points, .. } = &part.reference;
-                Ok(of(self.tree(points), *origin, points))
-            }
-        }
+        let compared = self.look_up()?;
+        let near = metrics::near(
+            compared.tree,
+            compared.origin,
+            query,
+            map_from_query,
+            distance,
+        );
+        let mut met = parallel::map_with(query.len(), || (), |(), i| near(i).map(|n| n.index));
+        met.sort_unstable();
+        met.dedup();
+        let met = met.into_iter().flatten();
+        let met = met.map(|i| compared.points[i as usize]).collect();
+        Ok((compared.origin, met))
     }
 
     /// The surface that an answer at `voxel` metres was judged on ([`Outcome::voxel`](crate::Outcome::voxel)), to look closer at it.
@@ -329,14 +323,34 @@ impl<'a> KeptMap<'a> {
 
     /// Makes what [`KeptMap::inliers`] looks things up in; how many points that has.
     pub(crate) fn reference(&mut self) -> Result<usize> {
-        match self.compared() {
-            Source::Cloud(cloud) => Ok(self.tree(cloud.points()).len()),
-            Source::Prepared(map) => Ok(self.finest(map)?.points.len()),
-            Source::Part(part) => {
-                self.tree(&part.reference.points);
-                Ok(part.reference.of)
+        Ok(self.look_up()?.of)
+    }
+
+    /// What the paper's metrics compare with.
+    fn look_up(&mut self) -> Result<Compared<'_>> {
+        Ok(match self.compared() {
+            Source::Cloud(cloud) => Compared {
+                tree: self.tree(cloud.points()),
+                origin: cloud.origin(),
+                points: cloud.points(),
+                of: cloud.len(),
+            },
+            Source::Prepared(map) => {
+                let finest = self.finest(map)?;
+                Compared {
+                    tree: &finest.tree,
+                    origin: finest.origin,
+                    points: &finest.points,
+                    of: finest.points.len(),
+                }
             }
-        }
+            Source::Part(part) => Compared {
+                tree: self.tree(&part.reference.points),
+                origin: part.reference.origin,
+                points: &part.reference.points,
+                of: part.reference.of,
+            },
+        })
     }
 
     /// The finest level of a prepared map.

@@ -8,6 +8,8 @@
 
 use std::time::Instant;
 
+use rayon::prelude::*;
+
 use crate::cloud::Cloud;
 use crate::confidence::confidence;
 use crate::config::{Config, IcpConfig, IcpMetric, MatchingConfig, VerifyConfig};
@@ -18,13 +20,14 @@ use crate::judge::{Judgement, insufficient};
 use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt};
 use crate::matching::match_descriptors;
 use crate::method::Method;
+use crate::ndt::NdtCells;
 use crate::outcome::{Outcome, RankedHypothesis, Stage, Verdict};
 use crate::part::{Look, Trail};
 use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::refine::keep_better;
 use crate::region::Region;
-use crate::verify::Candidate;
+use crate::verify::{Candidate, fit};
 use crate::{graph, ransac, scale};
 
 pub use crate::request::{GRAVITY_TOLERANCE, Near, Progress, Request};
@@ -298,6 +301,51 @@ impl Run<'_> {
         } else {
             self.first_and_fittest(map, query, starts, verify)
         })
+    }
+
+    /// Of some poses, `most` of them: the first few, which stay whatever they look like, and those of the others at which most of the query lies near
+    /// the map.
+    pub(crate) fn shortlist(
+        &mut self,
+        map: &Surface<'_>,
+        query: &Surface<'_>,
+        poses: &[Pose],
+        verify: &VerifyConfig,
+        (stay, most): (usize, usize),
+    ) -> Vec<Pose> {
+        let first_look = VerifyConfig {
+            overlap_distance: verify.first_look_distance,
+            ..verify.clone()
+        };
+        self.stage("shortlist", poses.len(), || {
+            let look = |p: &Pose| fit(map, query, p, &first_look).overlap;
+            let overlap: Vec<f64> = poses.par_iter().map(look).collect();
+            let mut order: Vec<usize> = (0..poses.len()).collect();
+            order[stay..].sort_by(|&a, &b| overlap[b].total_cmp(&overlap[a]));
+            order.truncate(most);
+            let kept: Vec<Pose> = order.into_iter().map(|i| poses[i]).collect();
+            let n = kept.len();
+            (kept, n)
+        })
+    }
+
+    /// The Gaussians of a map, and its surface.
+    pub(crate) fn cells<'m, 'a>(
+        &mut self,
+        map: &'m mut MapAt<'a>,
+    ) -> Result<(&'m [NdtCells<'a>], &'m Surface<'a>)> {
+        let (config, points) = (self.config, map.len());
+        let whole = map.counted();
+        let made = self.map_stage("make NDT cells", points, || {
+            let cells = map.cells(config);
+            let count = |(levels, _): &(&[NdtCells<'_>], _)| levels.iter().map(NdtCells::len).sum();
+            let made = cells.as_ref().map_or(0, count);
+            let n = whole.unwrap_or(made);
+            (cells.map(|cells| (cells, n)), n)
+        });
+        let (cells, n) = made?;
+        self.trail.made(n);
+        Ok(cells)
     }
 
     /// The same from what an earlier run found on the whole map.

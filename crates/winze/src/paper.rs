@@ -10,11 +10,10 @@ use crate::error::Result;
 use crate::judge::{Judgement, judge, judge_against};
 use crate::kept::{KeptMap, KeptQuery, MapAt, QueryAt, Refiner};
 use crate::locate::{Attempt, Run, guarded, point_to_plane};
-use crate::ndt::NdtCells;
 use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::refine::{Refined, StopReason};
-use crate::verify::{Candidate, Fit, ask_relief, candidate, fit, hopeful, rank, same_place};
+use crate::verify::{Candidate, Fit, ask_relief, candidate, hopeful, rank, same_place};
 use crate::{icp, ndt};
 
 impl Run<'_> {
@@ -126,42 +125,8 @@ impl Run<'_> {
         if poses.len() <= verify.refined {
             return poses;
         }
-        let first_look = VerifyConfig {
-            overlap_distance: verify.first_look_distance,
-            ..verify.clone()
-        };
-        self.stage("shortlist", poses.len(), || {
-            let overlap: Vec<f64> = poses
-                .iter()
-                .map(|p| fit(map, query, p, &first_look).overlap)
-                .collect();
-            let mut order: Vec<usize> = (0..poses.len()).collect();
-            // The first, on which the paper's methods build, stays whatever it looks like.
-            order[1..].sort_by(|&a, &b| overlap[b].total_cmp(&overlap[a]));
-            order.truncate(verify.refined);
-            let kept: Vec<Pose> = order.into_iter().map(|i| poses[i]).collect();
-            let n = kept.len();
-            (kept, n)
-        })
-    }
-
-    /// The Gaussians of a map, and its surface.
-    pub(crate) fn cells<'m, 'a>(
-        &mut self,
-        map: &'m mut MapAt<'a>,
-    ) -> Result<(&'m [NdtCells<'a>], &'m Surface<'a>)> {
-        let (config, points) = (self.config, map.len());
-        let whole = map.counted();
-        let made = self.map_stage("make NDT cells", points, || {
-            let cells = map.cells(config);
-            let count = |(levels, _): &(&[NdtCells<'_>], _)| levels.iter().map(NdtCells::len).sum();
-            let made = cells.as_ref().map_or(0, count);
-            let n = whole.unwrap_or(made);
-            (cells.map(|cells| (cells, n)), n)
-        });
-        let (cells, n) = made?;
-        self.trail.made(n);
-        Ok(cells)
+        // The first, on which the paper's methods build, stays whatever it looks like.
+        self.shortlist(map, query, &poses, verify, (1, verify.refined))
     }
 
     /// The paper's refiners on every start; candidates come in the order of `starts`.

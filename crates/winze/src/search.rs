@@ -19,7 +19,7 @@ use crate::locate::{Attempt, Run, guarded, point_to_plane};
 use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::verify::{
-    Candidate, beyond_doubt, by_evidence, candidate, confirmed, fit, hopeful, rank, same_place,
+    Candidate, beyond_doubt, by_evidence, candidate, confirmed, hopeful, rank, same_place,
 };
 use crate::{icp, ndt};
 
@@ -91,24 +91,15 @@ impl Run<'_> {
         starts: Vec<Pose>,
         verify: &VerifyConfig,
     ) -> Vec<Pose> {
-        let first_look = VerifyConfig {
+        let glance = VerifyConfig {
             max_points: at_most(verify.max_points, GLANCE),
-            overlap_distance: verify.first_look_distance,
             ..verify.clone()
         };
-        self.stage("shortlist", starts.len(), || {
-            let look = |p: &Pose| fit(map, query, p, &first_look).overlap;
-            let overlap: Vec<f64> = starts.par_iter().map(look).collect();
-            let mut order: Vec<usize> = (0..starts.len()).collect();
-            // What most correspondences support stays, whatever it looks like: of a query that is mostly dust or mostly unmapped
-            // little lies anywhere.
-            let supported = starts.len().min(verify.refined / 2);
-            order[supported..].sort_by(|&a, &b| overlap[b].total_cmp(&overlap[a]));
-            order.truncate(SHORTLIST * verify.refined);
-            let kept: Vec<Pose> = order.into_iter().map(|i| starts[i]).collect();
-            let n = kept.len();
-            (kept, n)
-        })
+        // What most correspondences support stays, whatever it looks like: of a query that is mostly dust or mostly unmapped
+        // little lies anywhere.
+        let supported = starts.len().min(verify.refined / 2);
+        let most = SHORTLIST * verify.refined;
+        self.shortlist(map, query, &starts, &glance, (supported, most))
     }
 
     /// Refines `poses` in stages that let go of the poor ones early, each looking more closely at fewer: NDT, and of what then lies

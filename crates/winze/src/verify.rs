@@ -329,21 +329,33 @@ fn unbend(
 const UNBENT: usize = 2;
 
 /// What the rock says, where enough of it could be asked.
-pub(crate) fn asked_enough(candidate: &Candidate, config: &VerifyConfig) -> Option<Relief> {
-    candidate.relief.filter(|r| r.asked >= config.min_patches)
+#[must_use]
+pub fn asked_enough(relief: Option<Relief>, config: &VerifyConfig) -> Option<Relief> {
+    relief.filter(|r| r.asked >= config.min_patches)
 }
 
-/// Whether enough of the rock says that it is the same.
-pub(crate) fn confirmed(candidate: &Candidate, config: &VerifyConfig) -> bool {
-    candidate.fit.overlap >= config.least_overlap
-        && asked_enough(candidate, config)
-            .is_some_and(|r| r.significance() >= config.min_significance)
+/// Whether enough of the rock says that it is the same, at a pose with so much overlap.
+#[must_use]
+pub fn rock_confirms(overlap: f64, relief: Option<Relief>, config: &VerifyConfig) -> bool {
+    overlap >= config.least_overlap
+        && asked_enough(relief, config).is_some_and(|r| r.significance() >= config.min_significance)
 }
 
 /// And says so by enough that no shape overrules it.
+#[must_use]
+pub fn rock_is_sure(overlap: f64, relief: Option<Relief>, config: &VerifyConfig) -> bool {
+    let significance = relief.map_or(0.0, |r| r.significance());
+    rock_confirms(overlap, relief, config) && significance >= config.sure_significance
+}
+
+/// As [`rock_confirms`], of a candidate.
+pub(crate) fn confirmed(candidate: &Candidate, config: &VerifyConfig) -> bool {
+    rock_confirms(candidate.fit.overlap, candidate.relief, config)
+}
+
+/// As [`rock_is_sure`], of a candidate.
 pub(crate) fn beyond_doubt(candidate: &Candidate, config: &VerifyConfig) -> bool {
-    let significance = candidate.relief.map_or(0.0, |r| r.significance());
-    confirmed(candidate, config) && significance >= config.sure_significance
+    rock_is_sure(candidate.fit.overlap, candidate.relief, config)
 }
 
 /// Orders distinct candidates by how much of the rock says yes, asked at the fittest, then by fitness. Two that a bent query's pieces have

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::Run;
 use super::rates::Rate;
-use super::summary::distinct;
+use super::summary::by_family;
 use winze::PoseDistance;
 use winze::confidence::is_right;
 
@@ -120,24 +120,6 @@ impl Calibration {
 #[must_use]
 pub fn calibrations(runs: &[Run]) -> Vec<Calibration> {
     by_family(runs, Calibration::of)
-}
-
-/// What `of` makes of each method's runs on each family, and of those on all of them.
-pub(super) fn by_family<T>(
-    runs: &[Run],
-    of: impl Fn(&str, Option<&str>, &[&Run]) -> Option<T>,
-) -> Vec<T> {
-    let mut out = Vec::new();
-    for method in distinct(runs.iter().map(|r| r.method.as_str())) {
-        let own: Vec<&Run> = runs.iter().filter(|r| r.method == method).collect();
-        let families = distinct(own.iter().map(|r| r.family.as_str()));
-        for family in families {
-            let both: Vec<&Run> = own.iter().filter(|r| r.family == family).copied().collect();
-            out.extend(of(method, Some(family), &both));
-        }
-        out.extend(of(method, None, &own));
-    }
-    out
 }
 
 #[cfg(test)]

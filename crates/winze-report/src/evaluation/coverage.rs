@@ -7,8 +7,8 @@ use winze::vec3::norm;
 use winze::{Pose, Verdict};
 
 use super::Run;
-use super::calibration::by_family;
 use super::rates::quantile;
+use super::summary::by_family;
 
 /// A pose so far from the truth, metres, is at another place.
 const SAME_PLACE: f64 = 5.0;

@@ -151,6 +151,16 @@ impl Verdicts {
 /// which they come.
 #[must_use]
 pub fn summaries(runs: &[Run]) -> Vec<Summary> {
+    by_family(runs, |method, family, runs| {
+        Some(Summary::of(method, family, runs))
+    })
+}
+
+/// What `of` makes of each method's runs on each family, and of those over all families, in the order in which they come.
+pub(super) fn by_family<T>(
+    runs: &[Run],
+    of: impl Fn(&str, Option<&str>, &[&Run]) -> Option<T>,
+) -> Vec<T> {
     let methods = distinct(runs.iter().map(|r| r.method.as_str()));
     let families = distinct(runs.iter().map(|r| r.family.as_str()));
     let mut out = Vec::new();
@@ -163,10 +173,10 @@ pub fn summaries(runs: &[Run]) -> Vec<Summary> {
                 .filter(|r| r.family == *family)
                 .collect();
             if !of_both.is_empty() {
-                out.push(Summary::of(method, Some(family), &of_both));
+                out.extend(of(method, Some(family), &of_both));
             }
         }
-        out.push(Summary::of(method, None, &of_method));
+        out.extend(of(method, None, &of_method));
     }
     out
 }
