@@ -57,35 +57,52 @@ impl Cloud {
         coordinates: &[[f64; 3]],
         intensity: Option<&[f32]>,
     ) -> Result<(Self, Dropped)> {
+        let intensity = intensity.filter(|i| i.len() == coordinates.len());
+        Self::gather(
+            coordinates.len(),
+            |i| coordinates[i],
+            intensity.map(|all| |i: usize| all[i]),
+        )
+    }
+
+    /// As [`Cloud::with_intensity`], from wherever the coordinates lie: `point` tells those of point `i`, the same each
+    /// time it is asked. Nothing is held but the cloud.
+    ///
+    /// # Errors
+    /// As [`Cloud::from_points`].
+    pub fn gather(
+        count: usize,
+        point: impl Fn(usize) -> [f64; 3],
+        intensity: Option<impl Fn(usize) -> f32>,
+    ) -> Result<(Self, Dropped)> {
         let limit = u32::MAX as usize - 1;
-        if coordinates.len() > limit {
+        if count > limit {
             return Err(Error::TooManyPoints {
                 what: "the cloud",
-                count: coordinates.len(),
+                count,
                 limit,
             });
         }
-        let intensity = intensity.filter(|i| i.len() == coordinates.len());
-        let finite = |p: &[f64; 3]| p.iter().all(|v| v.is_finite());
-        let origin = robust_origin(coordinates);
+        let origin = robust_origin(count, &point);
         let mut dropped = Dropped::default();
-        let mut points = Vec::with_capacity(coordinates.len());
-        let mut kept_intensity = intensity.map(|i| Vec::with_capacity(i.len()));
-        for (i, p) in coordinates.iter().enumerate() {
-            if !finite(p) {
+        let mut points = Vec::with_capacity(count);
+        let mut kept_intensity = intensity.as_ref().map(|_| Vec::with_capacity(count));
+        for i in 0..count {
+            let p = point(i);
+            if !is_finite(&p) {
                 dropped.non_finite += 1;
                 continue;
             }
-            let Some(offset) = offset(*p, origin) else {
+            let Some(offset) = offset(p, origin) else {
                 dropped.far += 1;
                 continue;
             };
             points.push(offset);
-            if let (Some(kept), Some(all)) = (&mut kept_intensity, intensity) {
-                kept.push(all[i]);
+            if let (Some(kept), Some(of)) = (&mut kept_intensity, &intensity) {
+                kept.push(of(i));
             }
         }
-        check_far(dropped.far, coordinates.len() - dropped.non_finite)?;
+        check_far(dropped.far, count - dropped.non_finite)?;
         let cloud = Self {
             origin,
             points,
@@ -248,20 +265,20 @@ pub(crate) fn centroid(points: &[[f32; 3]]) -> Option<[f64; 3]> {
     Some(sum.map(|s| s / n))
 }
 
+fn is_finite(point: &[f64; 3]) -> bool {
+    point.iter().all(|v| v.is_finite())
+}
+
 /// Zero where everything is near zero, else the median of at most 10 001 evenly spaced points,
 /// rounded to whole metres.
-fn robust_origin(coordinates: &[[f64; 3]]) -> [f64; 3] {
-    let finite = || {
-        coordinates
-            .iter()
-            .filter(|p| p.iter().all(|v| v.is_finite()))
-    };
-    if finite().all(is_small) {
+fn robust_origin(count: usize, point: &impl Fn(usize) -> [f64; 3]) -> [f64; 3] {
+    let finite = || (0..count).map(point).filter(is_finite);
+    if finite().all(|p| is_small(&p)) {
         return [0.0; 3];
     }
     let stride = origin_stride(finite().count() as u64);
     let stride = usize::try_from(stride).unwrap_or(usize::MAX);
-    let sample: Vec<[f64; 3]> = finite().step_by(stride).copied().collect();
+    let sample: Vec<[f64; 3]> = finite().step_by(stride).collect();
     origin_of(&sample)
 }
 
@@ -363,6 +380,29 @@ mod tests {
         let (cloud, _) = Cloud::from_points(&wide).unwrap();
         assert_eq!(cloud.origin(), [0.0; 3]);
         assert_eq!(cloud.points(), points);
+    }
+
+    #[test]
+    fn gathered_points_make_the_same_cloud() {
+        let points: Vec<[f64; 3]> = (0..3000)
+            .map(|i| {
+                [
+                    4e5 + f64::from(i) * 0.1,
+                    5e6,
+                    if i % 100 == 7 { f64::NAN } else { 3.0 },
+                ]
+            })
+            .collect();
+        let intensity: Vec<f32> = (0..3000u16).map(f32::from).collect();
+        let one = Cloud::with_intensity(&points, Some(&intensity)).unwrap();
+        let reversed = |i: usize| points[2999 - i];
+        let other = Cloud::gather(3000, reversed, Some(|i: usize| intensity[2999 - i])).unwrap();
+        assert_eq!(one.1, other.1);
+        assert_eq!(one.0.len(), 2970);
+        let mut back: Vec<u32> = (0..2970).collect();
+        back.reverse();
+        assert_eq!(other.0.select(&back).intensity(), one.0.intensity());
+        assert_eq!(other.0.point(0), one.0.point(2969));
     }
 
     #[test]

@@ -13,6 +13,7 @@
 
 use rayon::prelude::*;
 
+use crate::cancel;
 use crate::config::GraphConfig;
 use crate::features::Features;
 use crate::fit::fit_rigid;
@@ -148,6 +149,7 @@ impl Graph {
         rows.par_chunks_mut(words)
             .zip(pairs)
             .for_each(|(row, one)| {
+                cancel::check();
                 for (j, other) in pairs.iter().enumerate() {
                     if agree.holds(one, other) {
                         row[j / 64] |= 1 << (j % 64);
@@ -185,6 +187,7 @@ impl Graph {
         let triangles: Vec<u64> = (0..self.count)
             .into_par_iter()
             .map(|i| {
+                cancel::check();
                 let common = self.neighbours(i).map(|j| u64::from(self.common(i, j)));
                 common.sum()
             })

@@ -15,6 +15,7 @@ use std::borrow::Cow;
 
 use rayon::prelude::*;
 
+use crate::cancel;
 use crate::columns::{Columns, Memory};
 
 /// A neighbour of a query point.
@@ -477,6 +478,7 @@ fn split(items: &mut [Item], start: usize, nodes: &mut [Node]) {
     let axis = axis as u32;
     *node = [at, axis, skip, 0];
     if left.len() > PARALLEL {
+        cancel::check();
         rayon::join(
             || split(left, start, left_nodes),
             || split(right, start + middle, right_nodes),

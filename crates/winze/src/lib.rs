@@ -58,12 +58,14 @@
 //!   not come from the platform.
 //! * No input makes it panic. What cannot be located is a [`Verdict`], what cannot be used an [`Error`].
 //! * Coordinates far from the origin (UTM) keep a millimetre: see [`Cloud`].
-//! * Work runs on the rayon pool that the caller is in; the library starts no threads of its own.
+//! * Work runs on the rayon pool that the caller is in; the library starts no threads of its own. Where its threads
+//!   [watch a token](cancel), the work can be stopped.
 //!
 //! Metres, radians and seconds; right-handed frames; `a_from_b` takes points of frame b to frame a.
 
 pub mod base;
 pub mod bend;
+pub mod cancel;
 pub mod cloud;
 pub mod columns;
 pub mod confidence;

@@ -10,6 +10,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use crate::cancel;
 use crate::cloud::Cloud;
 use crate::confidence::confidence;
 use crate::config::{Config, IcpConfig, IcpMetric, MatchingConfig, VerifyConfig};
@@ -573,6 +574,7 @@ impl Run<'_> {
         count_in: usize,
         work: impl FnOnce() -> (T, usize),
     ) -> T {
+        cancel::check();
         if let Some(progress) = self.request.progress {
             progress(name, None);
         }

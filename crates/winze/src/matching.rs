@@ -4,6 +4,7 @@
 
 use rayon::prelude::*;
 
+use crate::cancel;
 use crate::columns::Memory;
 use crate::config::MatchingConfig;
 use crate::descriptor_index::{DescriptorIndex, build};
@@ -57,6 +58,7 @@ pub fn match_indexed(
     let mut lists: Vec<Nearest> = query
         .par_iter()
         .map(|q| {
+            cancel::check();
             let mut found = Nearest::new();
             map_index.nearest(map, q, k.saturating_add(ratio_test.into()), &mut found);
             #[expect(clippy::cast_possible_truncation, reason = "a ratio")]
@@ -96,6 +98,7 @@ fn keep_mutual(lists: &mut [Nearest], query: &[Descriptor], map: &[Descriptor], 
     let back: Vec<Nearest> = asked
         .par_iter()
         .map(|&(m, limit)| {
+            cancel::check();
             let mut found = Nearest::new();
             if let Some(d) = map.get(m as usize) {
                 index.nearest_within(query, d, k, limit, &mut found);

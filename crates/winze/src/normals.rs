@@ -8,6 +8,7 @@
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use crate::cancel;
 use crate::eigen3::{Symmetric3, eigen3};
 use crate::kdtree::{KdTree, Neighbour};
 use crate::neighbours::{GROUP, Neighbours};
@@ -181,6 +182,7 @@ pub fn orient_open_side(
         .par_chunks(GROUP)
         .zip(normals.par_chunks_mut(GROUP))
         .for_each_init(Neighbours::default, |near, (points, normals)| {
+            cancel::check();
             near.gather(coarse, radius, points.iter().copied());
             for (p, n) in points.iter().zip(normals) {
                 *n = of(*n, *p, near.of(coarse, *p));

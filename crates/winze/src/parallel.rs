@@ -6,6 +6,8 @@
 use rayon::prelude::*;
 use std::ops::Range;
 
+use crate::cancel;
+
 /// Items a chunk holds. Fixed: it is part of the answer.
 const CHUNK: usize = 1024;
 
@@ -13,7 +15,10 @@ const CHUNK: usize = 1024;
 pub(crate) fn chunks<R: Send>(n: usize, f: impl Fn(Range<usize>) -> R + Sync) -> Vec<R> {
     (0..n.div_ceil(CHUNK))
         .into_par_iter()
-        .map(|c| f(c * CHUNK..((c + 1) * CHUNK).min(n)))
+        .map(|c| {
+            cancel::check();
+            f(c * CHUNK..((c + 1) * CHUNK).min(n))
+        })
         .collect()
 }
 
@@ -24,6 +29,7 @@ pub(crate) fn fill<S, T: Send>(
     f: impl Fn(&mut S, usize) -> T + Sync,
 ) {
     out.par_chunks_mut(CHUNK).enumerate().for_each(|(c, part)| {
+        cancel::check();
         let mut s = scratch();
         for (k, place) in part.iter_mut().enumerate() {
             *place = f(&mut s, c * CHUNK + k);
@@ -42,6 +48,7 @@ pub(crate) fn fill_groups<S, T: Send>(
 ) {
     let n = out.len();
     out.par_chunks_mut(CHUNK).enumerate().for_each(|(c, part)| {
+        cancel::check();
         let mut s = scratch();
         for (k, place) in part.iter_mut().enumerate() {
             let i = c * CHUNK + k;

@@ -12,6 +12,7 @@
 
 use rayon::prelude::*;
 
+use crate::cancel;
 use crate::config::RansacConfig;
 use crate::features::Features;
 use crate::fit::fit_rigid;
@@ -121,6 +122,7 @@ pub fn estimate(
         let found: Vec<Vec<Hypothesis>> = (block..block + ROUND)
             .into_par_iter()
             .map(|b| {
+                cancel::check();
                 let draws = max_samples.saturating_sub(b * BLOCK).min(BLOCK);
                 let rng = Rng::new(seed, b);
                 sample_block(&pairs, config, limit, voxel, rng, draws, &plausible)

@@ -12,6 +12,7 @@
 
 use rayon::prelude::*;
 
+use crate::cancel;
 use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::vec3::{cross, dot, norm, scale, sub, voxel_of};
@@ -187,6 +188,7 @@ pub fn answers(
     lengths: [f64; 2],
 ) -> Vec<Option<bool>> {
     let answer = |patch: &Patch| {
+        cancel::check();
         let pose = pose_of(patch).between_origins(map.origin, query_origin);
         confirms(map, patch, &pose, lengths)
     };

@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 
+use crate::cancel;
 use crate::kdtree::KdTree;
 use crate::parallel;
 use crate::refine::sample;
@@ -100,6 +101,7 @@ impl SpacingSurvey {
         let found: Vec<Vec<f32>> = points
             .par_chunks(PIECE)
             .map(|piece| {
+                cancel::check();
                 let mut found = vec![f32::INFINITY; chosen.len()];
                 for p in piece {
                     for &i in near.get(&cell(*p, reach)).into_iter().flatten() {

@@ -4,6 +4,7 @@ use rayon::prelude::*;
 
 use super::frame::{frame, project};
 use super::{Block, COORDINATES, IndexColumns, LANES, Node, Order, is_usable};
+use crate::cancel;
 use crate::columns::Columns;
 use crate::fpfh::Descriptor;
 
@@ -121,6 +122,7 @@ fn split(
     let mut a = || split(left, left_nodes, left_blocks, left_order);
     let mut b = || split(right, right_nodes, right_blocks, right_order);
     let ([low, high], [right_low, right_high]) = if parallel {
+        cancel::check();
         rayon::join(a, b)
     } else {
         (a(), b())
