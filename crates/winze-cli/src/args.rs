@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{ArgAction, Parser, Subcommand};
 use winze::Method;
 use winze::locate::Near;
+use winze_front::Layers;
 use winze_io::Encoding;
 
 /// Find a robot in its own map, underground.
@@ -46,6 +47,17 @@ pub(crate) struct Global {
     /// Seed of every random choice.
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u64).range(..=i64::MAX as u64))]
     pub(crate) seed: Option<u64>,
+}
+
+impl Global {
+    /// The settings that were given.
+    pub(crate) fn layers(&self) -> Layers<'_> {
+        Layers {
+            file: self.config.as_deref(),
+            set: &self.set,
+            seed: self.seed,
+        }
+    }
 }
 
 #[derive(Debug, Subcommand)]

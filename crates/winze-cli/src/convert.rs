@@ -2,10 +2,10 @@
 
 use std::process::ExitCode;
 
+use winze_front::reading::read;
 use winze_io::{Format, WriteOptions, write_cloud};
 
 use crate::args::{Convert, Global};
-use crate::locate::read;
 use crate::output::check_outputs;
 use crate::progress::Progress;
 

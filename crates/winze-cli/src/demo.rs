@@ -5,19 +5,18 @@ use std::process::ExitCode;
 use std::path::Path;
 
 use winze::{KeptMap, KeptQuery, Request, outcome::Stage};
+use winze_front::{Page, settings};
 use winze_io::{write_cloud, write_transform};
 use winze_report::{Document, Source};
 
 use crate::args::{Demo, Global, Outputs};
 use crate::command::quoted;
-use crate::config;
 use crate::locate::Answer;
 use crate::output::{claim_folder, talk};
-use crate::page::Page;
 use crate::progress::Progress;
 
 pub(crate) fn run(args: &Demo, global: &Global) -> anyhow::Result<ExitCode> {
-    let config = config::effective(global)?;
+    let config = settings::effective(&global.layers())?;
     let progress = Progress::new(global.quiet, 16);
     let out = &args.out;
     claim(out)?;
@@ -52,7 +51,7 @@ pub(crate) fn run(args: &Demo, global: &Global) -> anyhow::Result<ExitCode> {
         &outcome,
         error.as_ref(),
         (&request).into(),
-        config::digest(&config)?,
+        settings::digest(&config)?,
         source(scene.map.len()),
         source(scene.query.len()),
     );

@@ -6,9 +6,9 @@ use std::process::ExitCode;
 
 use serde::Serialize;
 use winze::scale;
+use winze_front::reading::read;
 
 use crate::args::{Global, Info};
-use crate::locate::read;
 use crate::output::print;
 use crate::progress::Progress;
 

@@ -8,19 +8,17 @@ use std::time::Instant;
 use anyhow::bail;
 use winze::outcome::Stage;
 use winze::{Cloud, KeptQuery, Outcome, PoseDistance, Request, Verdict};
-use winze_bundle::{Beforehand, QueryFile};
-use winze_io::{
-    CloudFile, Format, ReadOptions, atomic, read_bytes, read_cloud_as, read_transform, write_cloud,
-};
+use winze_bundle::{Beforehand, MapFile, QueryFile};
+use winze_front::reading::read_as;
+use winze_front::{Page, Prior, settings};
+use winze_io::{Format, atomic, read_bytes, read_transform, write_cloud};
 use winze_report::{Document, Source};
 
 use crate::args::{Global, Locate, Outputs};
 use crate::bundle::{self, Seen};
+use crate::command;
 use crate::output::{check_outputs, is_broken_pipe, print, talk};
-use crate::page::Page;
-use crate::prior::Prior;
 use crate::progress::Progress;
-use crate::{command, config};
 
 pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
     check(args, global)?;
@@ -42,7 +40,7 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
     let begun = Instant::now();
     let map = Prior::open(&args.map)?;
     timed(map.stage(begun.elapsed().as_secs_f64()));
-    let config = map.config(global)?;
+    let config = map.config(&global.layers())?;
     progress.say("read query");
     let begun = Instant::now();
     let bytes = read_bytes(&args.query)?;
@@ -81,7 +79,7 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
         &outcome,
         error.as_ref(),
         (&request).into(),
-        config::digest(&config)?,
+        settings::digest(&config)?,
         map.source(&args.map),
         Source {
             path: Some(args.query.display().to_string()),
@@ -135,7 +133,11 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
             path: args.query.display().to_string(),
             bytes,
         };
-        let map = map.file(&args.map);
+        let map = MapFile {
+            path: args.map.display().to_string(),
+            digest: map.digest(),
+            points_in_file: map.stage(0.0).count_in,
+        };
         bundle::write(path, seen, asked, map, query, &answer.document, global)?;
     }
     written?;
@@ -173,38 +175,6 @@ pub(crate) fn exit_code(outcome: &Outcome) -> ExitCode {
     ExitCode::from(u8::from(outcome.verdict != Verdict::Located))
 }
 
-/// Reads a cloud and tells what its reader had to say.
-pub(crate) fn read(path: &Path) -> anyhow::Result<CloudFile> {
-    read_as(path, &read_bytes(path)?)
-}
-
-/// The same of its bytes.
-fn read_as(path: &Path, bytes: &[u8]) -> anyhow::Result<CloudFile> {
-    let file = read_cloud_as(path, bytes, &ReadOptions::default())?;
-    let r = &file.report;
-    tracing::info!(
-        "{}: {} {}, {} points, {} not finite, {} no-returns",
-        path.display(),
-        r.format,
-        r.encoding,
-        r.points_in_file,
-        r.non_finite,
-        r.no_returns
-    );
-    if r.non_finite > 0 {
-        tracing::warn!(
-            "{}: {} of {} points are not finite and were dropped",
-            path.display(),
-            r.non_finite,
-            r.points_in_file
-        );
-    }
-    for warning in &r.warnings {
-        tracing::warn!("{}: {warning}", path.display());
-    }
-    Ok(file)
-}
-
 /// One run with everything that can be made of it.
 pub(crate) struct Answer<'a> {
     pub(crate) map: &'a Cloud,
@@ -239,7 +209,11 @@ impl Answer<'_> {
                 note(file(path, &png));
             }
             if let (Some(path), Some(page)) = (&wanted.report, &self.page) {
-                note(file(path, page.html(self, &png).as_bytes()));
+                note(file(
+                    path,
+                    page.html(self.outcome, self.error.as_ref(), &self.document, &png)
+                        .as_bytes(),
+                ));
             }
         }
         trouble

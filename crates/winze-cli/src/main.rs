@@ -15,8 +15,6 @@ mod info;
 mod locate;
 mod map;
 mod output;
-mod page;
-mod prior;
 mod progress;
 mod replay;
 mod sim;
@@ -25,6 +23,7 @@ use std::process::ExitCode;
 
 use anyhow::Context as _;
 use clap::Parser as _;
+use winze_front::settings;
 
 use args::{Args, Verb};
 
@@ -50,7 +49,7 @@ fn run(args: &Args) -> anyhow::Result<ExitCode> {
         .build()
         .context("cannot start the threads")?;
     // Wrong settings are told of even by a verb that has no use for them.
-    config::effective(&args.global)?;
+    settings::effective(&args.global.layers())?;
     // Everything runs in this pool; the global one is left alone.
     pool.install(|| match &args.verb {
         Verb::Demo(a) => demo::run(a, &args.global),

@@ -6,16 +6,13 @@ use std::process::ExitCode;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant, UNIX_EPOCH};
 
-use serde::Serialize;
-use winze_map::{BuildOptions, Map, Meta, Progress as BuildProgress};
+use winze_front::memory::half_of_what_is_free;
+use winze_front::{Facts, settings};
+use winze_map::{BuildOptions, Map, Progress as BuildProgress};
 
 use crate::args::{Global, MapBuild, MapCheck, MapInfo, MapVerb};
-use crate::config;
 use crate::output::{check_outputs, complain, print};
 use crate::progress::Progress;
-
-/// Where the system does not tell what is free.
-const MEMORY: u64 = 1 << 30;
 
 pub(crate) fn run(verb: &MapVerb, global: &Global) -> anyhow::Result<ExitCode> {
     match verb {
@@ -27,7 +24,7 @@ pub(crate) fn run(verb: &MapVerb, global: &Global) -> anyhow::Result<ExitCode> {
 }
 
 fn build(args: &MapBuild, global: &Global) -> anyhow::Result<()> {
-    let config = config::effective(global)?;
+    let config = settings::effective(&global.layers())?;
     let inputs: Vec<&Path> = args
         .clouds
         .iter()
@@ -87,26 +84,6 @@ fn build(args: &MapBuild, global: &Global) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// As Linux tells it; half of it, since others want memory too.
-pub(crate) fn half_of_what_is_free() -> u64 {
-    let free = std::fs::read_to_string("/proc/meminfo")
-        .ok()
-        .and_then(|text| {
-            let line = text.lines().find_map(|l| l.strip_prefix("MemAvailable:"))?;
-            let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
-            Some(kib * 1024)
-        });
-    // A container may have less than the machine.
-    let number = |path: &str| -> Option<u64> {
-        let text = std::fs::read_to_string(path).ok()?;
-        text.trim().parse().ok()
-    };
-    let allowed = number("/sys/fs/cgroup/memory.max")
-        .map(|most| most.saturating_sub(number("/sys/fs/cgroup/memory.current").unwrap_or(0)));
-    let least = free.into_iter().chain(allowed).min();
-    least.map_or(MEMORY, |bytes| bytes / 2)
-}
-
 /// All of them, whatever is wrong with the first.
 fn check(args: &MapCheck, global: &Global) -> anyhow::Result<ExitCode> {
     let mut code = ExitCode::SUCCESS;
@@ -143,46 +120,12 @@ fn check(args: &MapCheck, global: &Global) -> anyhow::Result<ExitCode> {
     Ok(code)
 }
 
-/// What `--json` writes.
-#[derive(Serialize)]
-struct Facts<'a> {
-    path: String,
-    bytes: u64,
-    digest: String,
-    #[serde(flatten)]
-    meta: &'a Meta,
-    sections: Vec<Section>,
-}
-
-#[derive(Serialize)]
-struct Section {
-    tag: String,
-    number: u32,
-    bytes: u64,
-    known: bool,
-}
-
 fn info(args: &MapInfo) -> anyhow::Result<()> {
     let map = Map::open(&args.file)?;
     if !args.json {
         return print(&words(&args.file, &map, true));
     }
-    let unknown: Vec<_> = map.unknown_sections().map(|e| e.id).collect();
-    let facts = Facts {
-        path: args.file.display().to_string(),
-        bytes: map.length(),
-        digest: map.digest(),
-        meta: map.meta(),
-        sections: map
-            .sections()
-            .map(|e| Section {
-                tag: e.id.tag.escape_ascii().to_string(),
-                number: e.id.number,
-                bytes: e.length,
-                known: !unknown.contains(&e.id),
-            })
-            .collect(),
-    };
+    let facts = Facts::of(&args.file, &map);
     print(&(serde_json::to_string(&facts)? + "\n"))
 }
 

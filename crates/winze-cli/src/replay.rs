@@ -11,16 +11,15 @@ use winze::locate::Progress as Told;
 use winze::outcome::Stage;
 use winze::{Cloud, KeptMap, KeptQuery, Outcome, PoseDistance};
 use winze_bundle::Bundle;
+use winze_front::{Page, Prior, settings};
 use winze_io::{CloudFile, Format};
 use winze_report::{Document, Source};
 
 use crate::args::{Global, Replay};
+use crate::command;
 use crate::locate::{Answer, exit_code, steps};
 use crate::output::{check_outputs, talk};
-use crate::page::Page;
-use crate::prior::Prior;
 use crate::progress::Progress;
-use crate::{command, config};
 
 pub(crate) fn run(args: &Replay, global: &Global) -> anyhow::Result<ExitCode> {
     check(args, global)?;
@@ -168,7 +167,7 @@ pub(crate) fn answer(
         &outcome,
         error.as_ref(),
         (&request).into(),
-        config::digest(&bundle.config)?,
+        settings::digest(&bundle.config)?,
         Source {
             path: Some(bundle.map.path.clone()),
             digest: Some(bundle.map.digest.clone()),

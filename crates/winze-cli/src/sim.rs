@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context as _, bail};
 use winze::Pose;
+use winze_front::settings;
 use winze_io::{atomic, write_cloud, write_trajectory, write_transform};
 use winze_report::evaluation::quantile;
 use winze_report::{Thumb, contact_sheet, thin};
@@ -14,7 +15,6 @@ use winze_sim::mesh_file::{MeshReport, to_ply_bytes};
 use winze_sim::scenario::{self, Made, MadeQuery, Scenario, Step};
 
 use crate::args::{Global, Sim};
-use crate::config;
 use crate::output::{claim_folder, print, talk};
 use crate::progress::Progress;
 
@@ -38,7 +38,7 @@ pub(crate) fn run(args: &Sim, global: &Global) -> anyhow::Result<ExitCode> {
     if let Some(count) = args.count {
         scenario.limit(count);
     }
-    let seed = config::effective(global)?.seed;
+    let seed = settings::effective(&global.layers())?.seed;
     let making = claim(out, &scenario.name)?;
     let progress = Progress::new(global.quiet, scenario.cases() as u64);
     let mut folder = Folder::new(&making, &scenario, !args.no_mesh);

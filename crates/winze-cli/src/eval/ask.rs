@@ -8,6 +8,8 @@ use std::time::Instant;
 use anyhow::Context as _;
 use tempfile::TempDir;
 use winze::{Config, Method};
+use winze_front::memory::half_of_what_is_free;
+use winze_front::prior::is_built;
 use winze_map::BuildOptions;
 use winze_report::evaluation::{MapCost, MethodCost, Run, Trouble};
 
@@ -17,9 +19,7 @@ use super::journal::Journal;
 use super::worker::{Job, Said};
 use super::{FIGURES, seeds, workers};
 use crate::args::{Eval, Global};
-use crate::map::half_of_what_is_free;
 use crate::output::talk;
-use crate::prior::is_built;
 use crate::progress::Progress;
 
 /// What is asked, of every method alike.

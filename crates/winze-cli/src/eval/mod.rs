@@ -14,6 +14,7 @@ use std::process::ExitCode;
 
 use anyhow::{Context as _, bail};
 use winze::Method;
+use winze_front::settings;
 use winze_io::atomic;
 use winze_report::evaluation::{
     CLOUDS, Evaluation, Labelled, Paper, accuracy, answers, bin_table, calibration_table,
@@ -23,7 +24,6 @@ use winze_report::evaluation::{
 
 use crate::args::{Eval, Global};
 use crate::command::command;
-use crate::config;
 use crate::output::{check_outputs, print, talk};
 use ask::{Asked, ask, shared_out};
 use cases::{Case, Choice};
@@ -38,7 +38,7 @@ const PAPER_SEEDS: u64 = 20;
 const FIGURES: Method = Method::FpfhNdtIcp;
 
 pub(crate) fn run(args: &Eval, global: &Global) -> anyhow::Result<ExitCode> {
-    let config = config::effective(global)?;
+    let config = settings::effective(&global.layers())?;
     let file = cases::file_of(&args.cases);
     let (all, cases_digest) = cases::read(&file)?;
     let chosen = if args.paper {
@@ -67,7 +67,7 @@ pub(crate) fn run(args: &Eval, global: &Global) -> anyhow::Result<ExitCode> {
     };
     let together = groups.iter().any(|g| g.len() > 1);
     let (jobs, threads) = shared_out(args, global, groups.len());
-    let config_digest = config::digest(&config)?;
+    let config_digest = settings::digest(&config)?;
     let head = Head {
         winze: env!("CARGO_PKG_VERSION").to_owned(),
         config_digest: config_digest.clone(),

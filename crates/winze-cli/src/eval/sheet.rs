@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use winze::Pose;
+use winze_front::reading::read;
 use winze_report::evaluation::{Class, Evaluation, Exhibit, Run, RunView};
 use winze_report::{Limits, evaluation_page, scene_of_run, thumbnail};
 
 use super::cases::Case;
 use super::worker::figure_name;
 use crate::args::Global;
-use crate::locate::read;
 use crate::progress::Progress;
 
 /// Pictures on a page at most.

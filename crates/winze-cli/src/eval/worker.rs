@@ -12,13 +12,13 @@ use serde::{Deserialize, Serialize};
 use winze::confidence::{Evidence, evidence};
 use winze::config::VerifyConfig;
 use winze::{Config, KeptMap, KeptQuery, Method, Outcome, Pose, Request, locate_in};
+use winze_front::Prior;
+use winze_front::reading::read;
 use winze_io::{CloudFile, atomic};
 use winze_map::Map;
 use winze_report::evaluation::{Case as Truth, Inliers, MapCost, PoseError, Run, mark};
 
 use super::cases::Case;
-use crate::locate::read;
-use crate::prior::Prior;
 
 /// What a worker is to do.
 #[derive(Debug, Serialize, Deserialize)]

@@ -7,27 +7,31 @@ use std::path::Path;
 
 use winze::outcome::Stage;
 use winze::{Cloud, Config, KeptMap, PreparedMap as _};
-use winze_bundle::MapFile;
 use winze_io::CloudFile;
 use winze_map::Map;
 use winze_report::Source;
 
-use crate::args::Global;
-use crate::config;
-use crate::locate::read;
+use crate::reading::read;
+use crate::settings::{self, Layers};
 
 /// Points of a map in a picture, at most.
 const DRAWN: usize = 2_000_000;
 
 /// A prior map.
-pub(crate) enum Prior {
+#[derive(Debug)]
+pub enum Prior {
+    /// A cloud, read.
     Cloud(Box<CloudFile>),
+    /// A map that was prepared beforehand, opened.
     Built(Box<Map>),
 }
 
 impl Prior {
-    /// Opens a built map, by its first bytes or its name, or reads a cloud.
-    pub(crate) fn open(path: &Path) -> anyhow::Result<Self> {
+    /// Opens a built map, by its first bytes or its name, or reads a cloud; `tracing` is told of what is odd about it.
+    ///
+    /// # Errors
+    /// A [`winze_io::Error`] or a [`winze_map::Error`] where the file cannot be read or holds neither.
+    pub fn open(path: &Path) -> anyhow::Result<Self> {
         if !is_built(path) {
             return Ok(Self::Cloud(Box::new(read(path)?)));
         }
@@ -43,24 +47,38 @@ impl Prior {
         Ok(Self::Built(Box::new(map)))
     }
 
-    /// The settings of a run on this map.
-    pub(crate) fn config(&self, global: &Global) -> anyhow::Result<Config> {
+    /// The built map that it is, if it is one.
+    #[must_use]
+    pub fn built(&self) -> Option<&Map> {
         match self {
-            Self::Cloud(_) => config::effective(global),
-            Self::Built(map) => config::effective_for(map, global),
+            Self::Cloud(_) => None,
+            Self::Built(map) => Some(map),
+        }
+    }
+
+    /// The settings of a run on this map.
+    ///
+    /// # Errors
+    /// As [`settings::effective_for`].
+    pub fn config(&self, layers: &Layers<'_>) -> anyhow::Result<Config> {
+        match self {
+            Self::Cloud(_) => settings::effective(layers),
+            Self::Built(map) => settings::effective_for(map, layers),
         }
     }
 
     /// To ask.
-    pub(crate) fn kept(&self) -> KeptMap<'_> {
+    #[must_use]
+    pub fn kept(&self) -> KeptMap<'_> {
         match self {
             Self::Cloud(file) => KeptMap::new(&file.cloud),
             Self::Built(map) => KeptMap::prepared(map.as_ref()),
         }
     }
 
-    /// Reading it as a stage of a run.
-    pub(crate) fn stage(&self, seconds: f64) -> Stage {
+    /// Reading it as a stage of a run, which took so many seconds.
+    #[must_use]
+    pub fn stage(&self, seconds: f64) -> Stage {
         let (count_in, count_out) = match self {
             Self::Cloud(file) => (file.report.points_in_file, file.cloud.len()),
             Self::Built(map) => (map.points(), map.points()),
@@ -73,25 +91,18 @@ impl Prior {
         }
     }
 
-    /// What a bundle says of it.
-    pub(crate) fn file(&self, path: &Path) -> MapFile {
-        MapFile {
-            path: path.display().to_string(),
-            digest: self.digest(),
-            points_in_file: self.stage(0.0).count_in,
-        }
-    }
-
     /// Digest of its file.
-    pub(crate) fn digest(&self) -> String {
+    #[must_use]
+    pub fn digest(&self) -> String {
         match self {
             Self::Cloud(file) => file.report.digest.clone(),
             Self::Built(map) => map.digest(),
         }
     }
 
-    /// What the outcome says of it.
-    pub(crate) fn source(&self, path: &Path) -> Source {
+    /// What the outcome says of it; `path` is how it was named.
+    #[must_use]
+    pub fn source(&self, path: &Path) -> Source {
         Source {
             path: Some(path.display().to_string()),
             digest: Some(self.digest()),
@@ -99,16 +110,20 @@ impl Prior {
         }
     }
 
-    /// Points of the cloud or clouds.
-    pub(crate) fn points(&self) -> usize {
+    /// Points of the cloud or clouds that are used.
+    #[must_use]
+    pub fn points(&self) -> usize {
         match self {
             Self::Cloud(file) => file.cloud.len(),
             Self::Built(map) => map.points(),
         }
     }
 
-    /// Something to draw.
-    pub(crate) fn picture(&self) -> anyhow::Result<Cow<'_, Cloud>> {
+    /// Something to draw: the cloud, or points of the built map's finest level.
+    ///
+    /// # Errors
+    /// A [`winze::Error`] where that level of the file is broken.
+    pub fn picture(&self) -> anyhow::Result<Cow<'_, Cloud>> {
         match self {
             Self::Cloud(file) => Ok(Cow::Borrowed(&file.cloud)),
             Self::Built(map) => {
@@ -127,7 +142,8 @@ impl Prior {
 }
 
 /// Whether a file is, or says that it is, a built map.
-pub(crate) fn is_built(path: &Path) -> bool {
+#[must_use]
+pub fn is_built(path: &Path) -> bool {
     // A pipe would lose what is read here.
     if !std::fs::metadata(path).is_ok_and(|m| m.is_file()) {
         return false;

@@ -1,13 +1,12 @@
 //! The page about one answer: what it shows besides the answer itself.
 
 use winze::config::VerifyConfig;
-use winze::{Cloud, Config, KeptMap, KeptQuery, Outcome};
-use winze_report::{Judged, Limits, Report, Scene, scene};
+use winze::{Cloud, Config, KeptMap, KeptQuery, Outcome, PoseDistance};
+use winze_report::{Document, Judged, Limits, Report, Scene, scene};
 
-use crate::locate::Answer;
-
-/// What a page needs that an [`Answer`] does not have.
-pub(crate) struct Page {
+/// What a page needs besides the outcome and its document.
+#[derive(Debug)]
+pub struct Page {
     scene: Scene,
     verify: VerifyConfig,
     with_normal: Option<usize>,
@@ -15,8 +14,12 @@ pub(crate) struct Page {
 }
 
 impl Page {
-    /// Of an `outcome` that was just had from the map and the query; `map` is what is drawn of the former.
-    pub(crate) fn of(
+    /// Of an `outcome` that was just had from the map and the query; `map` is what is drawn of the former,
+    /// `command` a command line that asks the same.
+    ///
+    /// # Errors
+    /// A [`winze::Error`] where a built map's file turns out to be broken.
+    pub fn of(
         map: &Cloud,
         (kept_map, kept_query): (&mut KeptMap<'_>, &mut KeptQuery<'_>),
         outcome: &Outcome,
@@ -51,12 +54,20 @@ impl Page {
         })
     }
 
-    /// The page; `png` is the picture for browsers that show nothing else.
-    pub(crate) fn html(&self, answer: &Answer<'_>, png: &[u8]) -> String {
+    /// The page, of the outcome that it was made of; `error` is the distance from a known truth, `png` the picture for
+    /// browsers that show nothing else.
+    #[must_use]
+    pub fn html(
+        &self,
+        outcome: &Outcome,
+        error: Option<&PoseDistance>,
+        document: &Document,
+        png: &[u8],
+    ) -> String {
         winze_report::page(&Report {
-            outcome: answer.outcome,
-            error: answer.error.as_ref(),
-            document: &answer.document,
+            outcome,
+            error,
+            document,
             verify: &self.verify,
             with_normal: self.with_normal,
             command: &self.command,
