@@ -388,12 +388,7 @@ fn near(text: &str) -> Result<Near, String> {
 }
 
 fn encoding(text: &str) -> Result<Encoding, String> {
-    match text {
-        "ascii" => Ok(Encoding::Ascii),
-        "binary" => Ok(Encoding::Binary),
-        "compressed" => Ok(Encoding::Compressed),
-        _ => Err("choose one of ascii, binary, compressed".into()),
-    }
+    text.parse()
 }
 
 #[cfg(test)]

@@ -126,19 +126,25 @@ impl Prior {
     pub fn picture(&self) -> anyhow::Result<Cow<'_, Cloud>> {
         match self {
             Self::Cloud(file) => Ok(Cow::Borrowed(&file.cloud)),
-            Self::Built(map) => {
-                let surface = map.surface(0)?;
-                let step = surface.points.len().div_ceil(DRAWN).max(1);
-                let points: Vec<[f64; 3]> = surface
-                    .points
-                    .iter()
-                    .step_by(step)
-                    .map(|p| std::array::from_fn(|a| surface.origin[a] + f64::from(p[a])))
-                    .collect();
-                Ok(Cow::Owned(Cloud::from_points(&points)?.0))
-            }
+            Self::Built(map) => Ok(Cow::Owned(drawn(map)?)),
         }
     }
+}
+
+/// Points of a built map's finest level, to draw.
+///
+/// # Errors
+/// A [`winze::Error`] where that level of the file is broken.
+pub fn drawn(map: &Map) -> anyhow::Result<Cloud> {
+    let surface = map.surface(0)?;
+    let step = surface.points.len().div_ceil(DRAWN).max(1);
+    let points: Vec<[f64; 3]> = surface
+        .points
+        .iter()
+        .step_by(step)
+        .map(|p| std::array::from_fn(|a| surface.origin[a] + f64::from(p[a])))
+        .collect();
+    Ok(Cloud::from_points(&points)?.0)
 }
 
 /// Whether a file is, or says that it is, a built map.

@@ -93,7 +93,10 @@ fn lay_over(table: &mut Table, over: Table) {
 
 /// The table of a configuration file that is right in itself. A mistake is reported with its
 /// place there, before `--set` blurs it.
-fn from_file(text: &str) -> anyhow::Result<Table> {
+///
+/// # Errors
+/// For the first mistake.
+pub fn from_file(text: &str) -> anyhow::Result<Table> {
     let table: Table = text.parse().map_err(|e: toml::de::Error| {
         let line = e.span().map_or(1, |s| {
             1 + text[..s.start.min(text.len())].matches('\n').count()

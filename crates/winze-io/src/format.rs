@@ -100,6 +100,20 @@ impl fmt::Display for Encoding {
     }
 }
 
+impl std::str::FromStr for Encoding {
+    type Err = String;
+
+    /// By its name, as it is displayed.
+    fn from_str(name: &str) -> std::result::Result<Self, String> {
+        match name {
+            "ascii" => Ok(Self::Ascii),
+            "binary" => Ok(Self::Binary),
+            "compressed" => Ok(Self::Compressed),
+            _ => Err("choose one of ascii, binary, compressed".into()),
+        }
+    }
+}
+
 /// A file's extension in lower case, without the dot.
 pub(crate) fn extension(path: &Path) -> Option<String> {
     Some(path.extension()?.to_str()?.to_ascii_lowercase())

@@ -112,6 +112,13 @@ impl Cloud {
         Ok((cloud, dropped))
     }
 
+    /// The same points with one intensity each; they stay without, unless there is one for each.
+    #[must_use]
+    pub fn with_intensities(mut self, intensity: Vec<f32>) -> Self {
+        self.intensity = Some(intensity).filter(|i| i.len() == self.points.len());
+        self
+    }
+
     /// The same cloud, said to be seen from one place (in the cloud's frame, metres). Only for
     /// clouds that one sensor saw from one pose; normals are then turned towards it.
     #[must_use]

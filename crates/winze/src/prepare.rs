@@ -230,32 +230,93 @@ fn surface_in<C: Columns>(
 /// Statistical, then radius outlier removal, each only where it is switched on.
 #[must_use]
 pub fn remove_outliers(cloud: &Cloud, config: &PrepareConfig, voxel: f64) -> Cloud {
-    let mut cloud = cloud.clone();
+    cloud.select(&confirmed(cloud, config, voxel))
+}
+
+/// Indices of the points that [`remove_outliers`] keeps, ascending.
+#[must_use]
+pub fn confirmed(cloud: &Cloud, config: &PrepareConfig, voxel: f64) -> Vec<u32> {
+    #[expect(clippy::cast_possible_truncation, reason = "a cloud's size")]
+    let mut kept: Vec<u32> = (0..cloud.len() as u32).collect();
     if config.statistical_neighbours > 0 {
         let tree = KdTree::build(cloud.points());
-        cloud = cloud.select(&denoise::statistical(
+        kept = denoise::statistical(
             cloud.points(),
             &tree,
             config.statistical_neighbours,
             config.statistical_deviations,
-        ));
+        );
     }
     if config.radius_neighbours > 0 {
-        let tree = KdTree::build(cloud.points());
-        cloud = cloud.select(&denoise::radius(
-            cloud.points(),
-            &tree,
+        let left: Vec<[f32; 3]> = kept.iter().map(|&i| cloud.points()[i as usize]).collect();
+        let stay = denoise::radius(
+            &left,
+            &KdTree::build(&left),
             config.outlier_radius.metres(voxel),
             config.radius_neighbours,
-        ));
+        );
+        kept = stay.into_iter().map(|i| kept[i as usize]).collect();
     }
-    cloud
+    kept
+}
+
+/// A unit normal for each point of `cloud` as it is, fitted and turned as [`prepare`] does it; `[0, 0, 0]` where undefined. The
+/// lengths of `config` count in `voxel` metres, or about the spacing of its points.
+#[must_use]
+pub fn normals(cloud: &Cloud, config: &PrepareConfig, voxel: f64) -> Vec<[f32; 3]> {
+    let frame = Frame {
+        origin: cloud.origin(),
+        viewpoint: cloud.viewpoint(),
+    };
+    let made = surface_in(cloud.points().to_vec(), frame, config, voxel, &Memory);
+    let Ok(SurfaceColumns {
+        normals: in_leaf_order,
+        tree,
+        ..
+    }) = made;
+    let mut normals = vec![[0.0; 3]; cloud.len()];
+    for (&i, normal) in tree.order.iter().zip(in_leaf_order) {
+        normals[i as usize] = normal;
+    }
+    normals
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::test_world::{cloud, drift};
+
+    #[test]
+    fn normals_of_a_cloud_are_in_its_order() {
+        let points = drift(6_000, 12.0, 0.3, 0.005, 4);
+        let cloud = cloud(&points);
+        let config = PrepareConfig {
+            statistical_neighbours: 0,
+            ..PrepareConfig::default()
+        };
+        let thinned = voxel::downsample(&cloud, 0.2);
+        let surface = prepare(&cloud, &config, 0.2);
+        let normals = normals(&thinned, &config, 0.2);
+        assert_eq!(normals.len(), thinned.len());
+        for (p, n) in surface.points.iter().zip(surface.normals.iter()) {
+            let i = thinned.points().iter().position(|q| q == p).unwrap();
+            assert_eq!(normals[i], *n);
+        }
+    }
+
+    #[test]
+    fn confirmed_points_are_those_that_stay() {
+        let mut points = drift(6_000, 12.0, 0.3, 0.005, 4);
+        points.insert(100, [6.0, 0.0, 40.0]);
+        let cloud = cloud(&points);
+        let config = PrepareConfig {
+            radius_neighbours: 2,
+            ..PrepareConfig::default()
+        };
+        let kept = confirmed(&cloud, &config, 0.2);
+        assert!(!kept.contains(&100) && kept.len() > 5_500 && kept.is_sorted());
+        assert_eq!(cloud.select(&kept), remove_outliers(&cloud, &config, 0.2));
+    }
 
     #[test]
     fn strays_go_and_walls_stay() {

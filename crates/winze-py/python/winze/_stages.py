@@ -1,0 +1,547 @@
+"""The stages, a function each.
+
+Lengths of a stage's settings are metres or multiples of a voxel size. Where ``voxel`` is not given, that is the
+spacing of the points themselves, as :func:`spacing` measures it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _winze
+from ._arrays import count, index, matrix, native
+from ._cloud import Cloud, PointsLike, core
+from ._config import (
+    Config,
+    FpfhConfig,
+    IcpConfig,
+    IssConfig,
+    MatchingConfig,
+    NdtConfig,
+    PrepareConfig,
+    RansacConfig,
+)
+from ._settings import section
+
+
+class Surface:
+    """Points at one voxel size with normals and a neighbour tree, from :func:`prepare`. Stages take it in the place of points and
+    then need no tree of their own."""
+
+    __slots__ = ("_core",)
+
+    _core: _winze.Surface
+
+    def __init__(self) -> None:
+        raise TypeError("make a surface with winze.prepare(points, voxel)")
+
+    @classmethod
+    def _of(cls, core: _winze.Surface) -> Surface:
+        made = cls.__new__(cls)
+        made._core = core
+        return made
+
+    def __len__(self) -> int:
+        return len(self._core)
+
+    @property
+    def points(self) -> npt.NDArray[np.float64]:
+        """(N, 3), metres; neighbours in space are neighbours in memory. A copy."""
+        return self._core.points()
+
+    @property
+    def normals(self) -> npt.NDArray[np.float32]:
+        """(N, 3) unit normals, oriented by one rule; zero where undefined. A copy."""
+        return self._core.normals()
+
+    @property
+    def voxel(self) -> float:
+        """Voxel size that the points were thinned to, metres."""
+        return self._core.voxel
+
+    def __repr__(self) -> str:
+        return f"Surface({len(self)} points at {self.voxel:g} m)"
+
+
+@dataclass(frozen=True, eq=False)
+class Keypoints:
+    """ISS keypoints."""
+
+    indices: npt.NDArray[np.int64]
+    """(K,) rows of the points, ascending."""
+    saliency: npt.NDArray[np.float32]
+    """(K,) smallest eigenvalue over the squared salient radius."""
+    qualified: int
+    """How many passed the test; the others were filled in by saliency."""
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Descriptors that look alike."""
+
+    pairs: npt.NDArray[np.int64]
+    """(K, 2): a row of the query's descriptors and one of the map's."""
+    distances: npt.NDArray[np.float32]
+    """(K,) Euclidean distance of the two."""
+
+
+@dataclass(frozen=True, eq=False)
+class SampledPose:
+    """A pose that some correspondences agree on."""
+
+    map_from_query: npt.NDArray[np.float64]
+    """(4, 4), takes query points to the map."""
+    inliers: int
+    """Correspondences within the inlier distance, a keypoint of the query counted once."""
+    rmse: float
+    """Root mean square distance of those, metres."""
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """What sampling found."""
+
+    hypotheses: list[SampledPose]
+    """Distinct poses, the best supported first."""
+    samples: int
+    """Samples drawn."""
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A refined pose."""
+
+    map_from_query: npt.NDArray[np.float64]
+    """(4, 4), takes query points to the map."""
+    stop: str
+    """Why it ended: ``"converged"``, ``"max_iterations"``, ``"too_few_pairs"``, ``"degenerate"``, ``"no_improvement"``."""
+    iterations: int
+    """Iterations done."""
+    pairs: int
+    """Query points that took part in the last one."""
+    information: npt.NDArray[np.float64]
+    """(6, 6) point-to-plane information about [δt, δθ] at ``about``, summed over the pairs, not weighted by noise."""
+    about: npt.NDArray[np.float64]
+    """(3,), metres."""
+
+
+def spacing(points: PointsLike, *, threads: int = 0) -> float:
+    """Median distance from a point to the nearest other one, over an even sample, metres, at least a millimetre.
+
+    Raises:
+        ValueError: where no two points lie apart.
+    """
+    return _spacing(core(points, "points"), count(threads, "threads"))
+
+
+def _spacing(cloud: _winze.Cloud, threads: int) -> float:
+    found = _winze.spacing(cloud, threads)
+    if found is None:
+        raise ValueError("points: no two of them apart, so nothing says how long a voxel is; give voxel")
+    return found
+
+
+def _length(cloud: _winze.Cloud, voxel: float | None, threads: int) -> float:
+    if voxel is None:
+        return _spacing(cloud, threads)
+    return _metres(voxel)
+
+
+def _metres(voxel: Any) -> float:
+    if isinstance(voxel, (bool, str)) or not np.isscalar(voxel):
+        raise TypeError(f"voxel: {voxel!r} is no length in metres")
+    return float(voxel)  # type: ignore[arg-type]
+
+
+def choose_voxel(map_points: PointsLike, query_points: PointsLike, *, threads: int = 0) -> float:
+    """The voxel size at which a query is best compared with a map, from spacing, passage width and extent of both, metres."""
+    return _winze.choose_voxel(
+        core(map_points, "map_points"), core(query_points, "query_points"), count(threads, "threads")
+    )
+
+
+@overload
+def voxel_downsample(points: Cloud, voxel: float, *, threads: int = 0) -> Cloud: ...
+@overload
+def voxel_downsample(points: npt.ArrayLike, voxel: float, *, threads: int = 0) -> npt.NDArray[Any]: ...
+@overload
+def voxel_downsample(points: Any, voxel: float, *, threads: int = 0) -> Any: ...
+def voxel_downsample(points: PointsLike, voxel: float, *, threads: int = 0) -> Any:
+    """One point a voxel: the centroid of its points.
+
+    Cells are ``floor(p / voxel)``, aligned to the coordinates; the answer is ordered by cell (z, then y, then x).
+
+    Args:
+        points: (N, 3), metres.
+        voxel: edge length, metres.
+
+    Returns:
+        (M, 3), float32 where the points are, else float64; a Cloud, with mean intensities, where one was given.
+    """
+    thinned = _winze.voxel_downsample(core(points, "points"), _metres(voxel), count(threads, "threads"))
+    return Cloud._of(thinned) if isinstance(points, Cloud) else thinned.points()
+
+
+@overload
+def remove_outliers(
+    points: Cloud,
+    voxel: float | None = None,
+    config: PrepareConfig | Config | None = None,
+    *,
+    return_indices: Literal[False] = False,
+    threads: int = 0,
+) -> Cloud: ...
+@overload
+def remove_outliers(
+    points: npt.ArrayLike,
+    voxel: float | None = None,
+    config: PrepareConfig | Config | None = None,
+    *,
+    return_indices: Literal[False] = False,
+    threads: int = 0,
+) -> npt.NDArray[Any]: ...
+@overload
+def remove_outliers(
+    points: PointsLike,
+    voxel: float | None = None,
+    config: PrepareConfig | Config | None = None,
+    *,
+    return_indices: Literal[True],
+    threads: int = 0,
+) -> npt.NDArray[np.int64]: ...
+def remove_outliers(
+    points: PointsLike,
+    voxel: float | None = None,
+    config: PrepareConfig | Config | None = None,
+    *,
+    return_indices: bool = False,
+    threads: int = 0,
+) -> Any:
+    """Drops points that too few others confirm: by the mean distance to their nearest neighbours
+    (``statistical_neighbours``, ``statistical_deviations``), then by the number of neighbours in a ball (``outlier_radius``, ``radius_neighbours``;
+    off by default).
+
+    Args:
+        points: (N, 3), metres, of even density: downsample first.
+        voxel: what ``outlier_radius`` is a multiple of, metres.
+        config: the settings, by default those of :func:`locate`.
+        return_indices: answer the rows of the points that stay instead.
+
+    Returns:
+        (M, 3) points in their order, of the type of the input; or (M,) int64 rows.
+    """
+    cloud = core(points, "points")
+    workers = count(threads, "threads")
+    kept = _winze.remove_outliers(cloud, section("prepare", config), _length(cloud, voxel, workers), workers)
+    if return_indices:
+        return kept if cloud.kept is None else cloud.kept[kept]
+    left = cloud.select(kept)
+    return Cloud._of(left) if isinstance(points, Cloud) else left.points()
+
+
+def estimate_normals(
+    points: PointsLike,
+    voxel: float | None = None,
+    config: PrepareConfig | Config | None = None,
+    *,
+    viewpoint: npt.ArrayLike | None = None,
+    threads: int = 0,
+) -> npt.NDArray[np.float32]:
+    """A unit normal a point, from the principal components of its neighbourhood.
+
+    The neighbourhood is all points within ``normal_radius``, but at least ``normal_least`` and at most ``normal_most`` of them. The sign is
+    turned towards ``viewpoint``, where there is one, else to the open side: where more of the cloud within ``open_side_radius`` lies.
+
+    Args:
+        points: (N, 3), metres.
+        voxel: what the radii are multiples of, metres.
+        config: the settings, by default those of :func:`locate`. For the k nearest: ``PrepareConfig(normal_radius=0.0, normal_most=k)``.
+        viewpoint: (3,), where the sensor stood; by default the Cloud's own.
+
+    Returns:
+        (N, 3) float32; zero where the neighbourhood spans no plane, and where the point is not finite.
+    """
+    cloud = core(points, "points")
+    if viewpoint is not None:
+        cloud = Cloud(points, viewpoint=viewpoint)._core
+    workers = count(threads, "threads")
+    normals = _winze.estimate_normals(
+        cloud, section("prepare", config), _length(cloud, voxel, workers), workers
+    )
+    if cloud.kept is None:
+        return normals
+    whole = np.zeros((cloud.rows, 3), dtype=np.float32)
+    whole[cloud.kept] = normals
+    return whole
+
+
+def prepare(
+    points: PointsLike,
+    voxel: float,
+    config: PrepareConfig | Config | None = None,
+    *,
+    threads: int = 0,
+) -> Surface:
+    """Thins points to a voxel size, drops outliers, finds normals and builds a tree: what all later stages work on.
+
+    Args:
+        points: (N, 3), metres.
+        voxel: edge length, metres.
+        config: the settings, by default those of :func:`locate`.
+    """
+    surface = _winze.prepare(
+        core(points, "points"), section("prepare", config), _metres(voxel), count(threads, "threads")
+    )
+    return Surface._of(surface)
+
+
+def iss_keypoints(
+    points: PointsLike | Surface,
+    voxel: float | None = None,
+    config: IssConfig | Config | None = None,
+    *,
+    threads: int = 0,
+) -> Keypoints:
+    """Intrinsic shape signatures (Zhong 2009): points whose neighbourhood varies in all directions.
+
+    Args:
+        points: (N, 3), metres, of even density, or a Surface.
+        voxel: what the radii are multiples of, metres; a Surface's own.
+        config: the settings.
+    """
+    workers = count(threads, "threads")
+    if isinstance(points, Surface):
+        size = points.voxel if voxel is None else _metres(voxel)
+        found = _winze.iss_keypoints(points._core, section("iss", config), size, workers)
+        return Keypoints(*found)
+    cloud = core(points, "points")
+    size = _length(cloud, voxel, workers)
+    rows, saliency, qualified = _winze.iss_keypoints(cloud, section("iss", config), size, workers)
+    return Keypoints(rows if cloud.kept is None else cloud.kept[rows], saliency, qualified)
+
+
+def fpfh(
+    points: PointsLike | Surface,
+    normals: npt.ArrayLike | None = None,
+    keypoints: npt.ArrayLike | Keypoints | None = None,
+    voxel: float | None = None,
+    config: FpfhConfig | Config | None = None,
+    *,
+    threads: int = 0,
+) -> npt.NDArray[np.float32]:
+    """Fast point feature histograms (Rusu, Blodow & Beetz 2009).
+
+    Args:
+        points: (N, 3), metres, of even density, or a Surface.
+        normals: (N, 3), unit or zero; a Surface's own.
+        keypoints: (K,) rows to describe, or :class:`Keypoints`; all by default.
+        voxel: what the radius is a multiple of, metres; a Surface's own.
+        config: the settings.
+
+    Returns:
+        (K, 33) float32: eleven bins each of θ, α and φ. Zero where the point has no normal or no neighbour with one.
+    """
+    workers = count(threads, "threads")
+    chosen = keypoints.indices if isinstance(keypoints, Keypoints) else keypoints
+    rows = None if chosen is None else index(chosen, "keypoints")
+    given = None if normals is None else _normals(normals)
+    if isinstance(points, Surface):
+        size = points.voxel if voxel is None else _metres(voxel)
+        return _winze.fpfh(points._core, given, rows, section("fpfh", config), size, workers)
+    cloud = core(points, "points")
+    size = _length(cloud, voxel, workers)
+    kept = cloud.kept
+    if kept is None:
+        return _winze.fpfh(cloud, given, rows, section("fpfh", config), size, workers)
+    # Rows that are no points have no descriptor.
+    if given is not None and len(given) == cloud.rows:
+        given = given[kept]
+    place = np.full(cloud.rows, -1, dtype=np.int64)
+    place[kept] = np.arange(len(kept))
+    wanted = np.arange(cloud.rows) if rows is None else rows
+    if wanted.size and (wanted.min() < 0 or wanted.max() >= cloud.rows):
+        raise ValueError(f"keypoints: a row outside the {cloud.rows} of the points")
+    there = place[wanted] >= 0
+    whole = np.zeros((len(wanted), 33), dtype=np.float32)
+    whole[there] = _winze.fpfh(cloud, given, place[wanted][there], section("fpfh", config), size, workers)
+    return whole
+
+
+def _normals(normals: Any) -> npt.NDArray[np.float32]:
+    array = np.asarray(normals)
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(f"normals: shape {array.shape} where (N, 3) is expected")
+    return native(array, "normals").astype(np.float32, copy=False)
+
+
+def _descriptors(given: Any, what: str) -> npt.NDArray[np.float32]:
+    array = np.asarray(given)
+    if array.ndim != 2:
+        raise ValueError(f"{what}: shape {array.shape} where (N, 33) is expected")
+    return native(array, what).astype(np.float32, copy=False)
+
+
+def match_features(
+    query: npt.ArrayLike,
+    map: npt.ArrayLike,
+    config: MatchingConfig | Config | None = None,
+    *,
+    threads: int = 0,
+) -> Matches:
+    """Nearest descriptors by Euclidean distance, exact. Descriptors that are all zero or not finite match nothing.
+
+    Args:
+        query: (M, 33) descriptors.
+        map: (N, 33) descriptors.
+        config: the settings; by default one nearest neighbour, mutual.
+    """
+    found = _winze.match_features(
+        _descriptors(query, "query"),
+        _descriptors(map, "map"),
+        section("matching", config),
+        count(threads, "threads"),
+    )
+    return Matches(*found)
+
+
+def ransac(
+    query_points: PointsLike,
+    map_points: PointsLike,
+    correspondences: npt.ArrayLike | Matches,
+    voxel: float,
+    config: RansacConfig | Config | None = None,
+    *,
+    seed: int = 0,
+    threads: int = 0,
+) -> Estimate:
+    """Poses from correspondences by random sampling, several and distinct, the best supported first. The same seed gives the same
+    poses.
+
+    Args:
+        query_points: (M, 3), the query's keypoints, metres.
+        map_points: (N, 3), the map's keypoints.
+        correspondences: (K, 2) pairs of rows, query then map, or :class:`Matches`.
+        voxel: what the distances of the settings are multiples of, metres.
+        config: the settings.
+        seed: of every random choice.
+    """
+    pairs = correspondences.pairs if isinstance(correspondences, Matches) else correspondences
+    clouds = {}
+    for what, points in (("query_points", query_points), ("map_points", map_points)):
+        clouds[what] = core(points, what)
+        if clouds[what].kept is not None:
+            raise ValueError(f"{what}: some are not finite, and keypoints are counted by their rows")
+    found, samples = _winze.ransac(
+        clouds["query_points"],
+        clouds["map_points"],
+        index(pairs, "correspondences", 2),
+        section("ransac", config),
+        _metres(voxel),
+        count(seed, "seed"),
+        count(threads, "threads"),
+    )
+    return Estimate([SampledPose(*row) for row in found], samples)
+
+
+def _pair(
+    map_points: PointsLike | Surface,
+    query_points: PointsLike | Surface,
+    voxel: float | None,
+    threads: int,
+) -> tuple[_winze.Surface, _winze.Surface]:
+    """Both as surfaces of one voxel size."""
+    if isinstance(map_points, Surface) and isinstance(query_points, Surface):
+        return map_points._core, query_points._core
+    if voxel is None:
+        prepared = [p for p in (map_points, query_points) if isinstance(p, Surface)]
+        size = prepared[0].voxel if prepared else choose_voxel(map_points, query_points, threads=threads)
+    else:
+        size = _metres(voxel)
+    both = [
+        p if isinstance(p, Surface) else prepare(p, size, threads=threads) for p in (map_points, query_points)
+    ]
+    return both[0]._core, both[1]._core
+
+
+def ndt(
+    map_points: PointsLike | Surface,
+    query_points: PointsLike | Surface,
+    initial: npt.ArrayLike | None = None,
+    voxel: float | None = None,
+    config: NdtConfig | Config | None = None,
+    *,
+    threads: int = 0,
+) -> Refined:
+    """Refines a pose by the normal distributions transform, point to distribution (Magnusson 2009), from coarse cells to fine ones.
+
+    Args:
+        map_points: (N, 3), metres, or a Surface, which is not prepared again.
+        query_points: (M, 3), or a Surface.
+        initial: (4, 4) ``map_from_query`` to start at; the identity by default.
+        voxel: voxel size to prepare points at, metres; chosen from the data by default.
+        config: the settings.
+    """
+    workers = count(threads, "threads")
+    start = matrix(np.eye(4) if initial is None else initial, "initial")
+    a, b = _pair(map_points, query_points, voxel, workers)
+    return _refined(_winze.ndt(a, b, start, section("ndt", config), workers))
+
+
+def icp(
+    map_points: PointsLike | Surface,
+    query_points: PointsLike | Surface,
+    initial: npt.ArrayLike | None = None,
+    voxel: float | None = None,
+    config: IcpConfig | Config | None = None,
+    *,
+    threads: int = 0,
+) -> Refined:
+    """Refines a pose by iterative closest point: point-to-point (Besl & McKay 1992) or, with
+    ``IcpConfig(metric="point-to-plane")``, point-to-plane (Chen & Medioni 1992).
+
+    Args:
+        map_points: (N, 3), metres, or a Surface, which is not prepared again.
+        query_points: (M, 3), or a Surface.
+        initial: (4, 4) ``map_from_query`` to start at; the identity by default.
+        voxel: voxel size to prepare points at, metres; chosen from the data by default.
+        config: the settings.
+    """
+    workers = count(threads, "threads")
+    start = matrix(np.eye(4) if initial is None else initial, "initial")
+    a, b = _pair(map_points, query_points, voxel, workers)
+    return _refined(_winze.icp(a, b, start, section("icp", config), workers))
+
+
+def _refined(found: Any) -> Refined:
+    pose, stop, iterations, pairs, information, about = found
+    return Refined(pose, stop, iterations, pairs, information, np.array(about))
+
+
+def inliers(
+    map_points: PointsLike,
+    query_points: PointsLike,
+    map_from_query: npt.ArrayLike,
+    distance: float = 0.5,
+    *,
+    threads: int = 0,
+) -> tuple[float, float | None]:
+    """The paper's metrics at a pose: the share of query points whose nearest map point is nearer than ``distance`` metres, and the root mean
+    square distance of those (None where there are none). They cannot tell a passage from its twin.
+
+    Args:
+        map_points: (N, 3), metres.
+        query_points: (M, 3).
+        map_from_query: (4, 4).
+        distance: metres.
+    """
+    return _winze.inliers(
+        core(map_points, "map_points"),
+        core(query_points, "query_points"),
+        matrix(map_from_query, "map_from_query"),
+        float(distance),
+        count(threads, "threads"),
+    )
