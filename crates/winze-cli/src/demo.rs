@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use std::path::Path;
 
 use winze::{KeptMap, KeptQuery, Request, outcome::Stage};
+use winze_front::claim::claim_folder;
 use winze_front::{Page, settings};
 use winze_io::{write_cloud, write_transform};
 use winze_report::{Document, Source};
@@ -12,7 +13,7 @@ use winze_report::{Document, Source};
 use crate::args::{Demo, Global, Outputs};
 use crate::command::quoted;
 use crate::locate::Answer;
-use crate::output::{claim_folder, talk};
+use crate::output::talk;
 use crate::progress::Progress;
 
 pub(crate) fn run(args: &Demo, global: &Global) -> anyhow::Result<ExitCode> {

@@ -23,3 +23,30 @@ pub fn half_of_what_is_free() -> u64 {
     let least = free.into_iter().chain(allowed).min();
     least.map_or(MEMORY, |bytes| bytes / 2)
 }
+
+/// The most memory that this process held, bytes; `None` where the system does not tell (it does on
+/// Linux).
+#[must_use]
+pub fn peak_memory() -> Option<u64> {
+    high_water(&std::fs::read_to_string("/proc/self/status").ok()?)
+}
+
+fn high_water(status: &str) -> Option<u64> {
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
+    kib.checked_mul(1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn peak_memory_is_read_from_the_kernel_s_text() {
+        let status = "Name:\twinze\nVmPeak:\t  9000 kB\nVmHWM:\t    1234 kB\n";
+        assert_eq!(high_water(status), Some(1234 * 1024));
+        assert_eq!(high_water("Name:\twinze\n"), None);
+        #[cfg(target_os = "linux")]
+        assert!(peak_memory().unwrap() > 1 << 20);
+    }
+}

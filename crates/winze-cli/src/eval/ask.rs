@@ -8,15 +8,14 @@ use std::time::Instant;
 use anyhow::Context as _;
 use tempfile::TempDir;
 use winze::{Config, Method};
+use winze_front::evaluation::{self, Case, Found, Gathering, Job, Said, by_map, cost_name};
 use winze_front::memory::half_of_what_is_free;
 use winze_front::prior::is_built;
 use winze_map::BuildOptions;
 use winze_report::evaluation::{MapCost, MethodCost, Run, Trouble};
 
-use super::cases::Case;
 use super::commands::again;
 use super::journal::Journal;
-use super::worker::{Job, Said};
 use super::{FIGURES, seeds, workers};
 use crate::args::{Eval, Global};
 use crate::output::talk;
@@ -33,12 +32,7 @@ pub(super) struct Asked<'a> {
 
 impl Asked<'_> {
     fn seeds_of(&self, method: Method) -> Vec<u64> {
-        let mut seeds = seeds(self.args, self.config.seed);
-        if !method.draws_at_random() {
-            // All seeds would say the same.
-            seeds.truncate(1);
-        }
-        seeds
+        evaluation::seeds_of(method, &seeds(self.args, self.config.seed))
     }
 
     /// What a journal has of methods on a case, where it has all of it.
@@ -62,15 +56,15 @@ impl Asked<'_> {
             .iter()
             .map(|m| (m.name().to_owned(), self.seeds_of(*m)))
             .collect();
-        let name = workers::cost_name(&asked);
-        let (mut runs, mut errors): (Vec<Run>, Vec<Trouble>) = Default::default();
+        let name = cost_name(&asked);
+        let mut gathering = Gathering::new(self.cases, &asked);
         let mut left = Vec::new();
         for case in self.cases {
             match self.known(case, methods) {
                 Some(known) => {
                     for run in known.into_iter().flatten() {
                         progress.step(&case.name);
-                        runs.push(run);
+                        gathering.run(run);
                     }
                 }
                 None => left.push(case.clone()),
@@ -103,22 +97,13 @@ impl Asked<'_> {
                 }
                 progress.step(&format!("{}: {}", run.method, run.case));
                 note(&|journal| journal.run(&run));
-                runs.push(*run);
+                gathering.run(*run);
             }
             Said::Trouble {
                 case,
                 method,
                 message,
-            } => errors.extend(
-                asked
-                    .iter()
-                    .filter(|(m, _)| method.as_ref().is_none_or(|own| own == m))
-                    .map(|(m, _)| Trouble {
-                        case: case.clone(),
-                        method: m.clone(),
-                        message: message.clone(),
-                    }),
-            ),
+            } => gathering.trouble(&case, method.as_deref(), &message),
             Said::Map { cost, peak } => note(&|journal| journal.map(&name, &cost, peak)),
             Said::Over { .. } => {}
         })?;
@@ -135,42 +120,11 @@ impl Asked<'_> {
             earlier.errors = cost.errors;
             earlier
         });
-        // What broke off stays in every denominator. Where a process that ran several died, those that had
-        // answered are in no trouble.
-        let mut troubled = Vec::new();
-        for trouble in errors {
-            let case = self.cases.iter().find(|c| c.name == trouble.case);
-            let own = asked.iter().find(|(m, _)| *m == trouble.method);
-            let (Some(case), Some((method, seeds))) = (case, own) else {
-                continue;
-            };
-            let truth = case.truth()?;
-            let before = runs.len();
-            for &seed in seeds {
-                let is = |r: &Run| r.case == case.name && r.method == *method && r.seed == seed;
-                if !runs.iter().any(is) {
-                    let (name, family) = (&case.name, &case.family);
-                    let why = &trouble.message;
-                    runs.push(Run {
-                        sensor: case.sensor.clone(),
-                        overlap: case.overlap,
-                        ..Run::broken(name, family, method, seed, &truth, why)
-                    });
-                    progress.step(name);
-                }
-            }
-            if runs.len() > before {
-                troubled.push(trouble);
-            }
+        let (runs, errors) = gathering.end()?;
+        for broken in runs.iter().filter(|r| r.verdict.is_none()) {
+            progress.step(&broken.case);
         }
-        // Methods one after the other, each in the order of the file; seeds stay in theirs.
-        runs.sort_by_key(|r| {
-            (
-                asked.iter().position(|(m, _)| *m == r.method),
-                self.cases.iter().position(|c| c.name == r.case),
-            )
-        });
-        Ok((runs, cost, troubled))
+        Ok((runs, cost, errors))
     }
 }
 
@@ -180,7 +134,7 @@ pub(super) fn ask(
     asked: &Asked<'_>,
     groups: &[Vec<Method>],
     (jobs, threads): (usize, usize),
-) -> anyhow::Result<(Vec<Run>, Vec<MethodCost>, Vec<Trouble>)> {
+) -> anyhow::Result<Found> {
     let total: usize = groups
         .iter()
         .flatten()
@@ -208,16 +162,16 @@ pub(super) fn ask(
     progress.finish();
     let mut found = found.into_inner().unwrap_or_else(PoisonError::into_inner);
     found.sort_by_key(|(i, _)| *i);
-    let (mut runs, mut costs, mut errors) = (Vec::new(), Vec::new(), Vec::new());
+    let mut all = Found::default();
     for (_, answer) in found {
         let (own, cost, trouble) = answer?;
-        runs.extend(own);
-        costs.push(cost);
-        errors.extend(trouble);
+        all.runs.extend(own);
+        all.costs.push(cost);
+        all.errors.extend(trouble);
     }
-    costs.extend(shared.cost.take());
+    all.costs.extend(shared.cost.take());
     workers::remember(None);
-    Ok((runs, costs, errors))
+    Ok(all)
 }
 
 /// The name under which the cost of building maps is told.
@@ -307,17 +261,4 @@ pub(super) fn shared_out(args: &Eval, global: &Global, processes: usize) -> (usi
         return (1, global.threads);
     }
     (jobs, all.div_ceil(jobs))
-}
-
-/// Cases on one map together, maps in the order in which they first come.
-fn by_map(cases: &[Case]) -> Vec<Case> {
-    let mut maps: Vec<&Path> = Vec::new();
-    for c in cases {
-        if !maps.contains(&c.map.as_path()) {
-            maps.push(&c.map);
-        }
-    }
-    let mut sorted = cases.to_vec();
-    sorted.sort_by_key(|c| maps.iter().position(|m| *m == c.map));
-    sorted
 }

@@ -3,7 +3,8 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use super::cases::Case;
+use winze_front::evaluation::Case;
+
 use crate::args::{Eval, Global};
 use crate::command::quoted;
 

@@ -1,32 +1,26 @@
 //! `winze eval`: methods over cases, the tables.
 
 mod ask;
-mod cases;
 mod commands;
 mod journal;
 mod sheet;
 mod worker;
 mod workers;
 
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context as _, bail};
 use winze::Method;
+use winze_front::evaluation::{self, Case, Choice, assembled, cases, text};
 use winze_front::settings;
 use winze_io::atomic;
-use winze_report::evaluation::{
-    CLOUDS, Evaluation, Labelled, Paper, accuracy, answers, bin_table, calibration_table,
-    calibrations, costs, coverage_table, coverages, label_table, labels, step_table, steps,
-    summaries,
-};
+use winze_report::evaluation::{CLOUDS, Evaluation};
 
 use crate::args::{Eval, Global};
 use crate::command::command;
 use crate::output::{check_outputs, print, talk};
 use ask::{Asked, ask, shared_out};
-use cases::{Case, Choice};
 use journal::{Head, Journal};
 
 pub(crate) use worker::run as run_worker;
@@ -85,36 +79,17 @@ pub(crate) fn run(args: &Eval, global: &Global) -> anyhow::Result<ExitCode> {
         cases: &chosen,
         journal: journal.as_ref(),
     };
-    let (runs, costs, errors) = ask(&asked, &groups, (jobs, threads))?;
-    let truths = chosen
-        .iter()
-        .map(Case::truth)
-        .collect::<anyhow::Result<Vec<_>>>()?;
-    let with_truth = chosen.iter().zip(&truths);
-    let evaluation = Evaluation {
-        winze: env!("CARGO_PKG_VERSION"),
+    let found = ask(&asked, &groups, (jobs, threads))?;
+    let how = evaluation::Asked {
         command: command(),
         config_digest,
         seeds: seeds(args, config.seed),
         jobs,
         together,
         threads,
-        labels: labels(with_truth.map(|(c, truth)| Labelled {
-            family: &c.family,
-            truth,
-            gravity_aligned: c.gravity_aligned,
-            overlap: c.overlap,
-            bend_rms_m: c.bend_rms_m,
-        })),
-        summaries: summaries(&runs),
-        calibrations: calibrations(&runs),
-        coverages: coverages(&runs),
-        steps: steps(&runs),
-        costs,
-        errors,
-        paper: args.paper.then(|| Paper::of(&runs)),
-        runs,
+        paper: args.paper,
     };
+    let evaluation = assembled(how, &chosen, found)?;
     write(args, global, &evaluation, &chosen)?;
     for e in &evaluation.errors {
         talk(&format!(
@@ -219,64 +194,4 @@ fn write(
         print(&text)?;
     }
     Ok(())
-}
-
-const CALIBRATION: &str = "Confidence of every answer that has one, against the share whose pose lay within 0.5 m and 5° of the truth.
-Brier: mean square difference from what came true. ECE: mean difference from the share right, over the bins.
-";
-const COVERAGE: &str = "Errors of located poses in units of their covariance. Covered: within 5 m of the truth, and with a covariance.
-NEES: squared, 6 on average and 5.35 in the median where the covariance is right. Within one and two standard
-deviations: x, y, z and the angles about them (68 and 95 %). H⁻¹: by the inverse Hessian of the fit.
-";
-
-fn text(e: &Evaluation) -> String {
-    let mut out = String::new();
-    if let Some(paper) = &e.paper {
-        out += &paper.to_markdown();
-    } else {
-        let _ = writeln!(out, "{}", label_table(&e.labels).to_text());
-        let _ = writeln!(out, "{}", answers(&e.summaries).to_text());
-        let _ = writeln!(out, "{}", accuracy(&e.summaries).to_text());
-        out += "m and °: errors of right poses, across what is unobservable; all m: of every pose of a query in the map.\n";
-        let calibration = calibration_table(&e.calibrations);
-        if !calibration.is_empty() {
-            let _ = write!(
-                out,
-                "\n{}\n{}\n{CALIBRATION}",
-                bin_table(&e.calibrations).to_text(),
-                calibration.to_text()
-            );
-        }
-        let coverage = coverage_table(&e.coverages);
-        if !coverage.is_empty() {
-            let _ = write!(out, "\n{}\n{COVERAGE}", coverage.to_text());
-        }
-        let steps = step_table(&e.steps);
-        if !steps.is_empty() {
-            let _ = write!(
-                out,
-                "\n{}\nOf poses that are right before a refiner: nearer to the truth after it or further from it, by more than 2 mm; right \
-                 no more (lost), or only now (won).\n",
-                steps.to_text()
-            );
-        }
-    }
-    let _ = write!(out, "\n{}", costs(&e.costs).to_text());
-    if e.jobs > 1 {
-        let _ = writeln!(
-            out,
-            "\nSeconds were taken with {} methods running at once.",
-            e.jobs
-        );
-    }
-    if e.together && e.paper.is_none() {
-        out += "\nMethods shared one process and its work: seconds are told of the first alone.\n";
-    }
-    if e.seeds.len() > 1 && e.paper.is_none() {
-        let _ = writeln!(
-            out,
-            "\nIntervals take runs for independent, which several seeds on one case are not."
-        );
-    }
-    out
 }

@@ -3,12 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use winze::Pose;
+use winze_front::evaluation::{Case, figure_name};
 use winze_front::reading::read;
 use winze_report::evaluation::{Class, Evaluation, Exhibit, Run, RunView};
 use winze_report::{Limits, evaluation_page, scene_of_run, thumbnail};
 
-use super::cases::Case;
-use super::worker::figure_name;
 use crate::args::Global;
 use crate::progress::Progress;
 

@@ -7,9 +7,9 @@ use std::process::{Child, Command, Stdio};
 use std::sync::{Mutex, PoisonError};
 
 use anyhow::{Context as _, bail};
+use winze_front::evaluation::{Job, Said, cost_name};
 use winze_report::evaluation::MethodCost;
 
-use super::worker::{Job, Said};
 use crate::args::Global;
 use crate::output::talk;
 
@@ -91,14 +91,6 @@ pub(super) fn work(
         }
     }
     Ok(cost)
-}
-
-/// The method, or how many there are.
-pub(super) fn cost_name(methods: &[(String, Vec<u64>)]) -> String {
-    match methods {
-        [(one, _)] => one.clone(),
-        several => format!("{} together", several.len()),
-    }
 }
 
 /// One worker from beginning to end; how it died, where it did.

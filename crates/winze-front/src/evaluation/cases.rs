@@ -10,31 +10,41 @@ use winze::degeneracy::DirectionKind;
 use winze_io::digest;
 use winze_report::evaluation::{Case as Truth, Direction, Tolerance};
 
+use crate::mines::CASES;
+
 /// One case as the file holds it, its paths made to count from where the program runs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Case {
-    pub(crate) name: String,
-    pub(crate) map: PathBuf,
-    pub(crate) query: PathBuf,
+pub struct Case {
+    /// Its name, unlike any other's.
+    pub name: String,
+    /// The prior map's file.
+    pub map: PathBuf,
+    /// The query's file.
+    pub query: PathBuf,
     truth: Option<Matrix>,
     #[serde(default)]
     tolerance: Option<ToleranceRow>,
+    /// Map and query both have z up.
     #[serde(default)]
-    pub(crate) gravity_aligned: bool,
+    pub gravity_aligned: bool,
     #[serde(default)]
     ambiguous: bool,
     #[serde(default)]
     alternatives: Vec<Matrix>,
     #[serde(default)]
     unobservable: Vec<DirectionRow>,
+    /// What kind of case it is.
     #[serde(default = "no_family")]
-    pub(crate) family: String,
+    pub family: String,
+    /// What the query was seen with, if the file tells.
     #[serde(default)]
-    pub(crate) sensor: String,
+    pub sensor: String,
+    /// Share of the query that the map holds, if the file tells.
     #[serde(default)]
-    pub(crate) overlap: Option<f64>,
+    pub overlap: Option<f64>,
+    /// How far odometry bent the query, root mean square, metres, if the file tells.
     #[serde(default)]
-    pub(crate) bend_rms_m: Option<f64>,
+    pub bend_rms_m: Option<f64>,
 }
 
 type Matrix = [[f64; 4]; 4];
@@ -64,17 +74,20 @@ fn no_family() -> String {
     "-".into()
 }
 
-/// The file that `path` names: itself, or the `cases.json` in the folder.
-pub(crate) fn file_of(path: &Path) -> PathBuf {
+/// The case file that `path` names: itself, or the `cases.json` in the folder.
+pub fn file_of(path: &Path) -> PathBuf {
     if path.is_dir() {
-        path.join("cases.json")
+        path.join(CASES)
     } else {
         path.to_owned()
     }
 }
 
 /// Reads and checks all cases of a file; with its digest.
-pub(crate) fn read(file: &Path) -> anyhow::Result<(Vec<Case>, String)> {
+///
+/// # Errors
+/// As [`parse`]; and where the file cannot be read.
+pub fn read(file: &Path) -> anyhow::Result<(Vec<Case>, String)> {
     let at = file.display();
     let text = std::fs::read(file).with_context(|| {
         format!("{at}: cannot be read; give a cases.json or a folder that holds one")
@@ -84,8 +97,12 @@ pub(crate) fn read(file: &Path) -> anyhow::Result<(Vec<Case>, String)> {
     Ok((cases, digest(&text)))
 }
 
-fn parse(text: &[u8], folder: &Path) -> anyhow::Result<Vec<Case>> {
-    let value: Value = serde_json::from_slice(text).map_err(|e| anyhow!("no JSON: {e}"))?;
+/// The cases in a case file's text, checked; their paths count from `folder`.
+///
+/// # Errors
+/// Where it is no case file, or a case lacks something or contradicts itself: the message names case and field.
+pub fn parse(text: &[u8], folder: &Path) -> anyhow::Result<Vec<Case>> {
+    let value: Value = serde_json::from_slice(text).context("no JSON")?;
     let Some(rows) = value.get("cases").and_then(Value::as_array) else {
         bail!("cases: missing, or no list");
     };
@@ -117,9 +134,11 @@ fn one(row: &Value, folder: &Path) -> anyhow::Result<Case> {
 
 impl Case {
     /// What is true of it.
-    pub(crate) fn truth(&self) -> anyhow::Result<Truth> {
-        let pose =
-            |field: &str, m: &Matrix| Pose::from_matrix(*m).map_err(|e| anyhow!("{field}: {e}"));
+    ///
+    /// # Errors
+    /// Where a pose is not rigid (a [`winze::Error`]), a tolerance not above 0, or a direction without length.
+    pub fn truth(&self) -> anyhow::Result<Truth> {
+        let pose = |field: &'static str, m: &Matrix| Pose::from_matrix(*m).context(field);
         let tolerance = match self.tolerance {
             None => Tolerance::default(),
             Some(t) if t.translation_m > 0.0 && t.rotation_deg > 0.0 => Tolerance {
@@ -162,18 +181,18 @@ impl DirectionRow {
 
 /// Which of the cases to run.
 #[derive(Debug, Default)]
-pub(crate) struct Choice<'a> {
+pub struct Choice<'a> {
     /// Names, with `*` for anything; none: all.
-    pub(crate) only: &'a [String],
+    pub only: &'a [String],
     /// Families likewise.
-    pub(crate) family: &'a [String],
+    pub family: &'a [String],
     /// Of those, every so manieth.
-    pub(crate) every: usize,
+    pub every: usize,
 }
 
 impl Choice<'_> {
     /// The chosen cases in the order of the file.
-    pub(crate) fn of(&self, cases: Vec<Case>) -> Vec<Case> {
+    pub fn of(&self, cases: Vec<Case>) -> Vec<Case> {
         let any = |patterns: &[String], text: &str| {
             patterns.is_empty() || patterns.iter().any(|p| matches(p, text))
         };
