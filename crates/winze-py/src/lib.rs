@@ -6,10 +6,12 @@
 mod arrays;
 mod cloud;
 mod error;
+mod evaluate;
 mod located;
 mod map;
 mod schema;
 mod settings;
+mod simulate;
 mod stages;
 mod surface;
 mod work;
@@ -21,6 +23,8 @@ mod _winze {
     #[pymodule_export]
     use super::cloud::{Cloud, read, write};
     #[pymodule_export]
+    use super::evaluate::evaluate;
+    #[pymodule_export]
     use super::located::{Drawing, locate};
     #[pymodule_export]
     use super::map::{Map, build};
@@ -28,6 +32,8 @@ mod _winze {
     use super::schema::config_schema;
     #[pymodule_export]
     use super::settings::{check_config, config_text, parse_config};
+    #[pymodule_export]
+    use super::simulate::{demo, scenarios, simulate};
     #[pymodule_export]
     use super::stages::{
         choose_voxel, estimate_normals, fpfh, icp, inliers, iss_keypoints, match_features, ndt,

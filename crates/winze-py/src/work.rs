@@ -127,7 +127,7 @@ pub(crate) fn run<T: Send>(
                     Ok(done) => return (Some(done), interrupted),
                     Err(RecvTimeoutError::Disconnected) => return (None, interrupted),
                     Err(RecvTimeoutError::Timeout) if interrupted.is_none() => {
-                        interrupted = Python::attach(Python::check_signals).err();
+                        interrupted = signalled();
                         if interrupted.is_some() {
                             workers.token.cancel();
                         }
@@ -160,4 +160,13 @@ pub(crate) fn run<T: Send>(
         }
         None => Err(PyRuntimeError::new_err("the work ended without a result")),
     }
+}
+
+/// What a signal's handler raised meanwhile.
+#[expect(
+    clippy::redundant_closure_for_method_calls,
+    reason = "its lifetime is one, not any"
+)]
+fn signalled() -> Option<PyErr> {
+    Python::attach(|py| py.check_signals()).err()
 }

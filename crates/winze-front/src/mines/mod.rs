@@ -5,7 +5,7 @@ mod notes;
 mod place;
 mod sheets;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use winze_io::atomic;
 use winze_sim::cases::{Case, Cases};
@@ -36,6 +36,16 @@ pub struct Played {
     pub notes: Vec<String>,
 }
 
+/// Where a run writes until it is whole. However it ends, errors and [cancelled work](winze::cancel) among them, it does not stay.
+struct Making(PathBuf);
+
+impl Drop for Making {
+    fn drop(&mut self) {
+        // It can be large, and is of no use; if it cannot be deleted, the next run will.
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
 /// Plays `scenario` into the folder `out`, with the mines' meshes where `mesh` asks for them. The folder must be new,
 /// empty, or an earlier run's of the same scenario; what that one made stays until this one is whole. The same seed
 /// makes the same bits.
@@ -50,12 +60,9 @@ pub fn simulate(
     mesh: bool,
     told: &(dyn Fn(Told<'_>) + Sync),
 ) -> anyhow::Result<Played> {
-    let making = place::claim(out, &scenario.name)?;
-    let played = play(scenario, seed, &making, mesh, told).inspect_err(|_| {
-        // It can be large, and is of no use; if it cannot be deleted, the next run will.
-        let _ = std::fs::remove_dir_all(&making);
-    })?;
-    place::put_in_place(out, &making, &scenario.name, seed)?;
+    let making = Making(place::claim(out, &scenario.name)?);
+    let played = play(scenario, seed, &making.0, mesh, told)?;
+    place::put_in_place(out, &making.0, &scenario.name, seed)?;
     Ok(played)
 }
 
