@@ -6,12 +6,11 @@
 A test holds the file against what this prints.
 """
 
+import importlib.util
 import json
 import sys
 import textwrap
 from pathlib import Path
-
-from winze import _winze
 
 PLACE = Path(__file__).parent.parent / "python" / "winze" / "_config.py"
 
@@ -27,6 +26,7 @@ from typing import Literal, Union
 
 #: Metres, or a multiple of the voxel size: ``0.5``, ``"0.5 m"``, ``"3 voxels"``.
 Length = Union[float, str]
+
 
 '''
 
@@ -48,13 +48,18 @@ def annotation(field: dict) -> str:
     return type(default).__name__
 
 
+def default(field: dict) -> str:
+    value = field["default"]
+    return json.dumps(value) if isinstance(value, str) else repr(value)
+
+
 def wrapped(text: str, indent: str) -> str:
     lines = textwrap.wrap(text, 100 - len(indent))
     return ("\n" + indent).join(lines)
 
 
 def sentence(text: str) -> str:
-    return text[:1].upper() + text[1:]
+    return text[:1].upper() + text[1:] if text[:1].isascii() else text
 
 
 def doc(field: dict) -> str:
@@ -69,7 +74,7 @@ def section(s: dict) -> str:
     lines.append(f'    """{wrapped(s["doc"].replace("`", "``"), "    ")}"""')
     for f in s["fields"]:
         lines.append("")
-        lines.append(f"    {f['name']}: {annotation(f)} = {f['default']!r}")
+        lines.append(f"    {f['name']}: {annotation(f)} = {default(f)}")
         lines.append(f'    """{wrapped(doc(f), "    ")}"""')
     return "\n".join(lines)
 
@@ -86,8 +91,18 @@ def whole(schema: dict) -> str:
     return "\n\n\n".join(parts) + "\n"
 
 
+def schema() -> dict:
+    """What the compiled module tells, also where the package around it cannot be imported for want of this file."""
+    package = importlib.util.find_spec("winze")
+    folder = Path(package.submodule_search_locations[0])
+    compiled = importlib.util.spec_from_file_location("winze._winze", next(folder.glob("_winze*.so")))
+    module = importlib.util.module_from_spec(compiled)
+    compiled.loader.exec_module(module)
+    return json.loads(module.config_schema())
+
+
 if __name__ == "__main__":
-    text = whole(json.loads(_winze.config_schema()))
+    text = whole(schema())
     if "--write" in sys.argv:
         PLACE.write_text(text)
     else:

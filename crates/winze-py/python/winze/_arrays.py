@@ -50,7 +50,8 @@ def native(array: npt.NDArray[Any], what: str) -> npt.NDArray[Any]:
     readable = array.flags.aligned and all(s % wanted.itemsize == 0 for s in array.strides)
     if array.dtype == wanted and array.dtype.isnative and readable:
         return array
-    return np.ascontiguousarray(array, dtype=wanted)
+    # Not ascontiguousarray, which leaves a contiguous array where it lies, aligned or not.
+    return array.astype(wanted, order="C", copy=True)
 
 
 def _array(points: Any, what: str) -> tuple[npt.NDArray[Any], bool]:

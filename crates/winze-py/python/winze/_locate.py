@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import tempfile
+import weakref
 from collections.abc import Iterable
 from typing import Any, Literal, Union
 
@@ -105,6 +106,14 @@ def _prior(points: PointsLike | Map) -> _winze.Cloud | _winze.Map:
     return core(points, "map_points")
 
 
+class _Folder:
+    """A folder that goes when nobody has it any more."""
+
+    def __init__(self) -> None:
+        self.name = tempfile.mkdtemp(prefix="winze-map-")
+        weakref.finalize(self, shutil.rmtree, self.name, ignore_errors=True)
+
+
 class Map:
     """A map that is prepared once and kept in one file, which opens in milliseconds and gives the same pose and verdict as the
     cloud that it was made of.
@@ -116,13 +125,13 @@ class Map:
     __slots__ = ("_core", "_folder")
 
     _core: _winze.Map
-    _folder: tempfile.TemporaryDirectory[str] | None
+    _folder: _Folder | None
 
     def __init__(self) -> None:
         raise TypeError("make a map with winze.Map.build(clouds), or winze.Map.open(path)")
 
     @classmethod
-    def _of(cls, core: _winze.Map, folder: tempfile.TemporaryDirectory[str] | None = None) -> Map:
+    def _of(cls, core: _winze.Map, folder: _Folder | None = None) -> Map:
         made = cls.__new__(cls)
         made._core = core
         made._folder = folder
@@ -162,7 +171,7 @@ class Map:
         """
         folder = None
         if path is None:
-            folder = tempfile.TemporaryDirectory(prefix="winze-map-")
+            folder = _Folder()
             path = os.path.join(folder.name, "map.wmap")
         given = _parts(clouds)
         with following(progress) as callback:

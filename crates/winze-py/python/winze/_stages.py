@@ -6,7 +6,7 @@ spacing of the points themselves, as :func:`spacing` measures it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, overload
 
 import numpy as np
@@ -253,14 +253,15 @@ def estimate_normals(
 ) -> npt.NDArray[np.float32]:
     """A unit normal a point, from the principal components of its neighbourhood.
 
-    The neighbourhood is all points within ``normal_radius``, but at least ``normal_least`` and at most ``normal_most`` of them. The sign is
-    turned towards ``viewpoint``, where there is one, else to the open side: where more of the cloud within ``open_side_radius`` lies.
+    The neighbourhood is all points within ``normal_radius``, but at least ``normal_least`` and at most ``normal_most`` of them. The sign
+    is turned towards ``viewpoint``, where one is given; else, by ``orientation``, to the open side, where more of the cloud within
+    ``open_side_radius`` lies, or towards a Cloud's own viewpoint.
 
     Args:
         points: (N, 3), metres.
         voxel: what the radii are multiples of, metres.
         config: the settings, by default those of :func:`locate`. For the k nearest: ``PrepareConfig(normal_radius=0.0, normal_most=k)``.
-        viewpoint: (3,), where the sensor stood; by default the Cloud's own.
+        viewpoint: (3,), where the sensor stood.
 
     Returns:
         (N, 3) float32; zero where the neighbourhood spans no plane, and where the point is not finite.
@@ -268,6 +269,8 @@ def estimate_normals(
     cloud = core(points, "points")
     if viewpoint is not None:
         cloud = Cloud(points, viewpoint=viewpoint)._core
+        settings = config.prepare if isinstance(config, Config) else config or PrepareConfig()
+        config = replace(settings, orientation="auto")
     workers = count(threads, "threads")
     normals = _winze.estimate_normals(
         cloud, section("prepare", config), _length(cloud, voxel, workers), workers

@@ -1,0 +1,99 @@
+"""Maps that are prepared once."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import winze
+
+
+@pytest.fixture(scope="module")
+def built(demo, tmp_path_factory):
+    return winze.Map.build(demo[0], tmp_path_factory.mktemp("map") / "mine.wmap", crs="EPSG:32633")
+
+
+def test_it_answers_as_the_cloud_does(demo, demo_outcome, built):
+    outcome = built.locate(demo[1])
+    assert outcome.pose.tobytes() == demo_outcome.pose.tobytes()
+    assert outcome.verdict is demo_outcome.verdict and outcome.covariance.tobytes() == demo_outcome.covariance.tobytes()
+    assert "finest level" in outcome.to_dict()["inlier_reference"]
+    assert winze.locate(built, demo[1]).pose.tobytes() == outcome.pose.tobytes()
+    assert winze.locate(built.path, demo[1]).pose.tobytes() == outcome.pose.tobytes()
+    assert outcome.to_png().startswith(b"\x89PNG") and "<html" in outcome.to_html()
+
+
+def test_it_is_built_from_arrays_and_files_alike(demo, built, tmp_path):
+    winze.write(tmp_path / "a.pcd", demo[0].points[::2])
+    winze.write(tmp_path / "b.ply", demo[0].points[1::2])
+    of_files = winze.Map.build([tmp_path / "a.pcd", str(tmp_path / "b.ply")])
+    of_arrays = winze.Map.build([np.asfortranarray(demo[0].points[::2]), demo[0].points[1::2]])
+    poses = {m.locate(demo[1]).pose.tobytes() for m in (of_files, of_arrays)}
+    assert len(poses) == 1
+    again = winze.Map.build([demo[0].points[::2], demo[0].points[1::2]])
+    assert again.info()["digest"] == of_arrays.info()["digest"], "equal arrays, equal map"
+    assert of_files.info()["points"] == built.info()["points"] == len(demo[0])
+    assert len(winze.Map.build(demo[0].points[:500].tolist()).info()["sources"]) == 1
+
+
+def test_it_is_kept(demo, built, tmp_path):
+    assert built.path.endswith("mine.wmap") and "EPSG:32633" == built.info()["crs"]
+    built.check()
+    passing = winze.Map.build(demo[0])
+    assert passing.path is None
+    with pytest.raises(TypeError, match="save"):
+        pickle.dumps(passing)
+    kept = passing.save(tmp_path / "kept.wmap")
+    assert kept.path == str(tmp_path / "kept.wmap")
+    assert kept.info()["digest"] == passing.info()["digest"]
+    with pytest.raises(FileExistsError, match="replace"):
+        passing.save(tmp_path / "kept.wmap")
+    passing.save(tmp_path / "kept.wmap", replace=True)
+    assert [p.name for p in tmp_path.iterdir()] == ["kept.wmap"], "nothing half-written is left"
+    with pytest.raises(FileExistsError):
+        winze.Map.build(demo[0], tmp_path / "kept.wmap")
+    again = pickle.loads(pickle.dumps(kept))
+    in_memory = winze.Map.open(kept.path, in_memory=True)
+    for m in (again, in_memory):
+        assert m.info()["digest"] == kept.info()["digest"]
+    assert "3 levels" in repr(kept) or "levels" in repr(kept)
+    assert kept.points.shape[1] == 3
+
+
+def test_what_is_no_map(tmp_path, demo):
+    with pytest.raises(FileNotFoundError):
+        winze.Map.open(tmp_path / "none.wmap")
+    (tmp_path / "text.wmap").write_text("hello")
+    with pytest.raises(ValueError, match="no prepared map"):
+        winze.Map.open(tmp_path / "text.wmap")
+    kept = winze.Map.build(demo[0], tmp_path / "cut.wmap")
+    whole = (tmp_path / "cut.wmap").read_bytes()
+    del kept
+    (tmp_path / "cut2.wmap").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(ValueError, match="cut2.wmap"):
+        winze.Map.open(tmp_path / "cut2.wmap")
+    damaged = bytearray(whole)
+    damaged[len(whole) // 2] ^= 0x55
+    (tmp_path / "damaged.wmap").write_bytes(damaged)
+    with pytest.raises(ValueError, match="damaged.wmap"):
+        winze.Map.open(tmp_path / "damaged.wmap").check()
+    with pytest.raises(TypeError, match=r"Map.build"):
+        winze.Map()
+    with pytest.raises(ValueError, match="none given"):
+        winze.Map.build([])
+    with pytest.raises(ValueError, match=r"clouds\[1\]"):
+        winze.Map.build([demo[0], np.zeros((3, 7))])
+    with pytest.raises(ValueError, match="map"):
+        winze.Map.build(demo[0].points[:10])
+
+
+def test_it_carries_its_settings(demo, tmp_path):
+    kept = winze.Map.build(demo[0], tmp_path / "fine.wmap", config={"prepare.normal_least": 12})
+    outcome = kept.locate(demo[1])
+    assert outcome.located
+    asked = winze.locate(demo[0], demo[1], config={"prepare.normal_least": 12})
+    assert outcome.pose.tobytes() == asked.pose.tobytes()
+    with pytest.raises(ValueError, match="normal_least"):
+        kept.locate(demo[1], config={"prepare.normal_least": 20})
