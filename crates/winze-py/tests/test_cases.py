@@ -16,7 +16,7 @@ SCENARIO = "bent-border"
 @pytest.fixture(scope="module")
 def mine(tmp_path_factory):
     out = tmp_path_factory.mktemp("mine") / "made"
-    return out, winze.simulate(SCENARIO, out, seed=5, limit=2, mesh=False)
+    return out, winze.simulate(SCENARIO, out, seed=5, count=2, mesh=False)
 
 
 def test_a_mine_with_its_truth(mine):
@@ -64,7 +64,7 @@ def test_scenarios_that_are_none(tmp_path):
         winze.simulate("nowhere", tmp_path / "a")
     (tmp_path / "thesis.txt").write_text("mine")
     with pytest.raises(ValueError, match=str(tmp_path)):
-        winze.simulate(SCENARIO, tmp_path, limit=1)
+        winze.simulate(SCENARIO, tmp_path, count=1)
 
 
 def test_the_demo_is_the_command_lines(binary, tmp_path):

@@ -125,7 +125,7 @@ def matrix(pose: Any, what: str) -> list[list[float]]:
     return rows
 
 
-def count(value: Any, what: str) -> int:
+def whole(value: Any, what: str) -> int:
     """A number that is 0 or above."""
     try:
         number = value.__index__()

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _winze
-from ._arrays import count
+from ._arrays import whole
 from ._locate import Method
 from ._progress import Progress, following
 from ._settings import ConfigLike, changed
@@ -47,7 +47,7 @@ def simulate(
     out: str | os.PathLike[str],
     *,
     seed: int = 0,
-    limit: int | None = None,
+    count: int | None = None,
     mesh: bool = True,
     threads: int = 0,
     progress: Progress = None,
@@ -58,7 +58,7 @@ def simulate(
         scenario: a name of :func:`scenarios`, or a TOML file.
         out: folder to write to: new, empty, or of an earlier run of the same scenario.
         seed: of everything random.
-        limit: queries a mine, at most.
+        count: queries a mine, at most.
         mesh: whether the mine itself is written too.
         threads: how many to work on; 0: all.
         progress: as for :func:`locate`.
@@ -70,10 +70,10 @@ def simulate(
         _winze.simulate(
             os.fspath(scenario),
             os.fspath(out),
-            seed=count(seed, "seed"),
-            count=None if limit is None else count(limit, "limit"),
+            seed=whole(seed, "seed"),
+            count=None if count is None else whole(count, "count"),
             mesh=mesh,
-            threads=count(threads, "threads"),
+            threads=whole(threads, "threads"),
             progress=callback,
         )
     return read_cases(out)
@@ -160,13 +160,13 @@ def evaluate(
         document, text = _winze.evaluate(
             os.fspath(cases),
             methods=methods,
-            seeds=count(seeds, "seeds"),
+            seeds=whole(seeds, "seeds"),
             only=patterns[0],
             family=patterns[1],
-            every=count(every, "every"),
+            every=whole(every, "every"),
             set=changed(config),
             command=f"winze.evaluate({os.fspath(cases)!r})",
-            threads=count(threads, "threads"),
+            threads=whole(threads, "threads"),
             progress=callback,
         )
     return Evaluation(document, text)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _winze
-from ._arrays import Fourth, count, intensity_of, matrix, rows
+from ._arrays import Fourth, intensity_of, matrix, rows, whole
 
 #: Points in any form: an array of shape (N, 3), a Cloud, a path, an Open3D or small_gicp cloud, records with fields x, y and z.
 PointsLike = Union["Cloud", npt.ArrayLike, "os.PathLike[str]", str, Any]
@@ -168,7 +168,7 @@ def read(path: str | os.PathLike[str], *, threads: int = 0) -> Cloud:
         OSError: where the file cannot be read.
         ValueError: where it is broken, with the line or byte, or of no known format.
     """
-    found, report = _winze.read(os.fspath(path), count(threads, "threads"))
+    found, report = _winze.read(os.fspath(path), whole(threads, "threads"))
     return Cloud._of(found, report)
 
 
@@ -193,7 +193,7 @@ def write(
         OSError: where the file cannot be written.
         ValueError: for an unknown format, or an encoding that it does not have.
     """
-    return _winze.write(os.fspath(path), core(points, "points"), encoding, count(threads, "threads"))
+    return _winze.write(os.fspath(path), core(points, "points"), encoding, whole(threads, "threads"))
 
 
 def demo(seed: int = 0) -> tuple[Cloud, Cloud, npt.NDArray[np.float64]]:
@@ -202,5 +202,5 @@ def demo(seed: int = 0) -> tuple[Cloud, Cloud, npt.NDArray[np.float64]]:
     Returns:
         map, query, and ``map_from_query`` (4, 4).
     """
-    a, b, pose = _winze.demo(count(seed, "seed"))
+    a, b, pose = _winze.demo(whole(seed, "seed"))
     return Cloud._of(a), Cloud._of(b), pose

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _winze
-from ._arrays import count, matrix
+from ._arrays import matrix, whole
 from ._cloud import Cloud, PointsLike, core
 from ._outcome import Outcome
 from ._progress import Progress, following
@@ -85,7 +85,7 @@ def locate(
             near=region,
             truth=None if truth is None else matrix(truth, "truth"),
             command=_command(prior, query, method),
-            threads=count(threads, "threads"),
+            threads=whole(threads, "threads"),
             progress=callback,
         )
     return Outcome(document, drawing)
@@ -184,9 +184,9 @@ class Map:
                 set=changed(config),
                 crs=crs,
                 replace=replace,
-                memory=None if memory is None else count(memory, "memory"),
+                memory=None if memory is None else whole(memory, "memory"),
                 scratch=None if scratch is None else os.fspath(scratch),
-                threads=count(threads, "threads"),
+                threads=whole(threads, "threads"),
                 progress=callback,
             )
         return cls._of(_winze.Map.open(os.fspath(path), False), folder)
@@ -246,7 +246,7 @@ class Map:
     def check(self, *, threads: int = 0, progress: Progress = None) -> None:
         """Verifies every byte; ``ValueError`` for the first thing that is wrong."""
         with following(progress) as callback:
-            self._core.check(count(threads, "threads"), callback)
+            self._core.check(whole(threads, "threads"), callback)
 
     def locate(
         self,

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _winze
-from ._arrays import count, index, matrix, native
+from ._arrays import index, matrix, native, whole
 from ._cloud import Cloud, PointsLike, core
 from ._config import (
     Config,
@@ -135,7 +135,7 @@ def spacing(points: PointsLike, *, threads: int = 0) -> float:
     Raises:
         ValueError: where no two points lie apart.
     """
-    return _spacing(core(points, "points"), count(threads, "threads"))
+    return _spacing(core(points, "points"), whole(threads, "threads"))
 
 
 def _spacing(cloud: _winze.Cloud, threads: int) -> float:
@@ -160,7 +160,7 @@ def _metres(voxel: Any) -> float:
 def choose_voxel(map_points: PointsLike, query_points: PointsLike, *, threads: int = 0) -> float:
     """The voxel size at which a query is best compared with a map, from spacing, passage width and extent of both, metres."""
     return _winze.choose_voxel(
-        core(map_points, "map_points"), core(query_points, "query_points"), count(threads, "threads")
+        core(map_points, "map_points"), core(query_points, "query_points"), whole(threads, "threads")
     )
 
 
@@ -182,7 +182,7 @@ def voxel_downsample(points: PointsLike, voxel: float, *, threads: int = 0) -> A
     Returns:
         (M, 3), float32 where the points are, else float64; a Cloud, with mean intensities, where one was given.
     """
-    thinned = _winze.voxel_downsample(core(points, "points"), _metres(voxel), count(threads, "threads"))
+    thinned = _winze.voxel_downsample(core(points, "points"), _metres(voxel), whole(threads, "threads"))
     return Cloud._of(thinned) if isinstance(points, Cloud) else thinned.points()
 
 
@@ -235,7 +235,7 @@ def remove_outliers(
         (M, 3) points in their order, of the type of the input; or (M,) int64 rows.
     """
     cloud = core(points, "points")
-    workers = count(threads, "threads")
+    workers = whole(threads, "threads")
     kept = _winze.remove_outliers(cloud, section("prepare", config), _length(cloud, voxel, workers), workers)
     if return_indices:
         return kept if cloud.kept is None else cloud.kept[kept]
@@ -271,15 +271,15 @@ def estimate_normals(
         cloud = Cloud(points, viewpoint=viewpoint)._core
         settings = config.prepare if isinstance(config, Config) else config or PrepareConfig()
         config = replace(settings, orientation="auto")
-    workers = count(threads, "threads")
+    workers = whole(threads, "threads")
     normals = _winze.estimate_normals(
         cloud, section("prepare", config), _length(cloud, voxel, workers), workers
     )
     if cloud.kept is None:
         return normals
-    whole = np.zeros((cloud.rows, 3), dtype=np.float32)
-    whole[cloud.kept] = normals
-    return whole
+    of_rows = np.zeros((cloud.rows, 3), dtype=np.float32)
+    of_rows[cloud.kept] = normals
+    return of_rows
 
 
 def prepare(
@@ -297,7 +297,7 @@ def prepare(
         config: the settings, by default those of :func:`locate`.
     """
     surface = _winze.prepare(
-        core(points, "points"), section("prepare", config), _metres(voxel), count(threads, "threads")
+        core(points, "points"), section("prepare", config), _metres(voxel), whole(threads, "threads")
     )
     return Surface._of(surface)
 
@@ -316,7 +316,7 @@ def iss_keypoints(
         voxel: what the radii are multiples of, metres; a Surface's own.
         config: the settings.
     """
-    workers = count(threads, "threads")
+    workers = whole(threads, "threads")
     if isinstance(points, Surface):
         size = points.voxel if voxel is None else _metres(voxel)
         found = _winze.iss_keypoints(points._core, section("iss", config), size, workers)
@@ -348,7 +348,7 @@ def fpfh(
     Returns:
         (K, 33) float32: eleven bins each of θ, α and φ. Zero where the point has no normal or no neighbour with one.
     """
-    workers = count(threads, "threads")
+    workers = whole(threads, "threads")
     chosen = keypoints.indices if isinstance(keypoints, Keypoints) else keypoints
     rows = None if chosen is None else index(chosen, "keypoints")
     given = None if normals is None else _normals(normals)
@@ -369,9 +369,9 @@ def fpfh(
     if wanted.size and (wanted.min() < 0 or wanted.max() >= cloud.rows):
         raise ValueError(f"keypoints: a row outside the {cloud.rows} of the points")
     there = place[wanted] >= 0
-    whole = np.zeros((len(wanted), 33), dtype=np.float32)
-    whole[there] = _winze.fpfh(cloud, given, place[wanted][there], section("fpfh", config), size, workers)
-    return whole
+    of_rows = np.zeros((len(wanted), 33), dtype=np.float32)
+    of_rows[there] = _winze.fpfh(cloud, given, place[wanted][there], section("fpfh", config), size, workers)
+    return of_rows
 
 
 def _normals(normals: Any) -> npt.NDArray[np.float32]:
@@ -406,7 +406,7 @@ def match_features(
         _descriptors(query, "query"),
         _descriptors(map, "map"),
         section("matching", config),
-        count(threads, "threads"),
+        whole(threads, "threads"),
     )
     return Matches(*found)
 
@@ -444,8 +444,8 @@ def ransac(
         index(pairs, "correspondences", 2),
         section("ransac", config),
         _metres(voxel),
-        count(seed, "seed"),
-        count(threads, "threads"),
+        whole(seed, "seed"),
+        whole(threads, "threads"),
     )
     return Estimate([SampledPose(*row) for row in found], samples)
 
@@ -488,7 +488,7 @@ def ndt(
         voxel: voxel size to prepare points at, metres; chosen from the data by default.
         config: the settings.
     """
-    workers = count(threads, "threads")
+    workers = whole(threads, "threads")
     start = matrix(np.eye(4) if initial is None else initial, "initial")
     a, b = _pair(map_points, query_points, voxel, workers)
     return _refined(_winze.ndt(a, b, start, section("ndt", config), workers))
@@ -513,7 +513,7 @@ def icp(
         voxel: voxel size to prepare points at, metres; chosen from the data by default.
         config: the settings.
     """
-    workers = count(threads, "threads")
+    workers = whole(threads, "threads")
     start = matrix(np.eye(4) if initial is None else initial, "initial")
     a, b = _pair(map_points, query_points, voxel, workers)
     return _refined(_winze.icp(a, b, start, section("icp", config), workers))
@@ -546,5 +546,5 @@ def inliers(
         core(query_points, "query_points"),
         matrix(map_from_query, "map_from_query"),
         float(distance),
-        count(threads, "threads"),
+        whole(threads, "threads"),
     )
