@@ -93,7 +93,11 @@ fn run(points: &[[f64; 3]], query_points: &[[f64; 3]]) -> Result<()> {
     let query_surface = prepare::prepare(&query, &config.prepare, COARSE);
     let describe = |s: &prepare::Surface<'_>| {
         let found = iss::keypoints(&s.points, &s.tree, &config.iss, COARSE);
-        let at: Vec<[f32; 3]> = found.indices.iter().map(|&i| s.points[i as usize]).collect();
+        let at: Vec<[f32; 3]> = found
+            .indices
+            .iter()
+            .map(|&i| s.points[i as usize])
+            .collect();
         let of = &config.fpfh;
         let d = fpfh::descriptors(&s.points, &s.normals, &s.tree, &found.indices, of, COARSE);
         (at, d)
@@ -114,7 +118,9 @@ fn run(points: &[[f64; 3]], query_points: &[[f64; 3]]) -> Result<()> {
             features(query_surface.origin, &query_at),
         );
         let seed = config.seed;
-        ransac::estimate(&pairs, &query, &map, &config.ransac, COARSE, seed, &|_| true)
+        ransac::estimate(&pairs, &query, &map, &config.ransac, COARSE, seed, &|_| {
+            true
+        })
     });
     let start = Pose::from_translation([0.1, -0.1, 0.05]);
     timed("ndt", || {

@@ -13,6 +13,11 @@ use pyo3::exceptions::{
 pub(crate) fn raise(e: impl Into<anyhow::Error>) -> PyErr {
     let e = e.into();
     let text = format!("{e:#}");
+    raise_saying(&e, text)
+}
+
+/// The same with another message.
+pub(crate) fn raise_saying(e: &anyhow::Error, text: String) -> PyErr {
     for cause in e.chain() {
         if let Some(cause) = cause.downcast_ref::<io::Error>() {
             return of_system(cause, text);

@@ -14,7 +14,7 @@ use winze_report::Source;
 
 use crate::arrays;
 use crate::cloud::Cloud;
-use crate::error::raise;
+use crate::error::{raise, raise_saying};
 use crate::work;
 
 /// A built map, mapped from its file or in memory.
@@ -157,7 +157,13 @@ pub(crate) fn build(
             progress: Some(&say),
             ..BuildOptions::default()
         };
-        winze_map::build(&clouds, &out, &config, &options).map_err(raise)?;
-        Ok(())
+        winze_map::build(&clouds, &out, &config, &options)
+            .map(|_| ())
+            .map_err(|e| {
+                // Where an array lay for a while is nobody's business.
+                let place = format!("{}/", folder.path().display());
+                let text = e.to_string().replace(&place, "");
+                raise_saying(&e.into(), text)
+            })
     })
 }
