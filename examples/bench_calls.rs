@@ -15,7 +15,7 @@ use winze::kdtree::KdTree;
 use winze::{Cloud, Config, Pose};
 use winze::{fpfh, icp, iss, locate, matching, metrics, ndt, prepare, ransac, voxel};
 
-type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
+type Result<T> = std::result::Result<T, Box<dyn std::error::Error + Send + Sync>>;
 
 /// The voxel size that lengths count in, metres: about the spacing of the points.
 const VOXEL: f64 = 0.1;
@@ -66,7 +66,8 @@ fn run(points: &[[f64; 3]], query_points: &[[f64; 3]]) -> Result<()> {
         Ok(prepare::confirmed(&cloud(points)?, &config.prepare, VOXEL))
     })?;
     let normals = timed("estimate_normals", || -> Result<_> {
-        Ok(prepare::normals(&cloud(points)?, &config.prepare, VOXEL))
+        let own = cloud(points)?;
+        Ok(prepare::normals(&own, &config.prepare, VOXEL, None))
     })?;
     let keypoints = timed("iss_keypoints", || -> Result<_> {
         let own = cloud(points)?;

@@ -24,6 +24,7 @@ pub(crate) fn ascii_rows(w: &mut dyn Write, cloud: &Cloud, delimiter: char) -> i
     let mut intensity = cloud.intensity().unwrap_or_default().iter();
     let mut line = Vec::with_capacity(64);
     for (offset, [x, y, z]) in cloud.points().iter().zip(cloud.iter()) {
+        winze::cancel::check();
         line.clear();
         let d = delimiter;
         if exact {
@@ -45,7 +46,10 @@ pub(crate) fn ascii_rows(w: &mut dyn Write, cloud: &Cloud, delimiter: char) -> i
 pub(crate) fn binary_rows(w: &mut dyn Write, cloud: &Cloud, double: bool) -> io::Result<()> {
     let mut intensity = cloud.intensity().unwrap_or_default().iter();
     let mut record = Vec::with_capacity(28);
-    for point in cloud.iter() {
+    for (i, point) in cloud.iter().enumerate() {
+        if i.is_multiple_of(4096) {
+            winze::cancel::check();
+        }
         record.clear();
         for c in point {
             if double {

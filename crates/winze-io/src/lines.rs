@@ -80,7 +80,10 @@ fn parse_pieces(
 ) -> Pieces {
     pieces(bytes, start, size)
         .into_par_iter()
-        .map(|(offset, piece)| parse_piece(offset, piece, with_intensity, &parse))
+        .map(|(offset, piece)| {
+            winze::cancel::check();
+            parse_piece(offset, piece, with_intensity, &parse)
+        })
         .collect()
 }
 

@@ -120,6 +120,7 @@ impl Column<'_> {
             .par_chunks_mut(BLOCK)
             .enumerate()
             .for_each(|(i, block)| {
+                winze::cancel::check();
                 for (axis, column) in xyz.into_iter().enumerate() {
                     column.fill(block, axis, i * BLOCK);
                 }

@@ -33,13 +33,21 @@ pub(crate) struct Gathered {
 impl Rows<'_> {
     /// The cloud of three coordinates a row, and an intensity, if that is what the fourth column is. The rows are read in
     /// place, whatever their order and strides; the cloud is the only copy.
-    pub(crate) fn gather(&self, intensity: bool) -> PyResult<Gathered> {
+    ///
+    /// The GIL is released meanwhile, as NumPy does in its own loops: who writes to the array at that time gets some of both.
+    pub(crate) fn gather(&self, py: Python<'_>, intensity: bool) -> PyResult<Gathered> {
         match self {
             // `as_slice` of NumPy's side calls Fortran order contiguous as well and would give the points
             // transposed; ndarray's tells the two apart.
-            Self::F32(rows) => gather(&rows.as_array(), intensity, f64::from, |v| v, true),
-            #[expect(clippy::cast_possible_truncation, reason = "an intensity")]
-            Self::F64(rows) => gather(&rows.as_array(), intensity, |v| v, |v| v as f32, false),
+            Self::F32(rows) => {
+                let rows = rows.as_array();
+                py.detach(|| gather(&rows, intensity, f64::from, |v| v, true))
+            }
+            Self::F64(rows) => {
+                let rows = rows.as_array();
+                #[expect(clippy::cast_possible_truncation, reason = "an intensity")]
+                py.detach(|| gather(&rows, intensity, |v| v, |v| v as f32, false))
+            }
         }
     }
 }
@@ -100,16 +108,17 @@ pub(crate) fn points<'py>(
     single: bool,
 ) -> PyResult<Bound<'py, PyAny>> {
     if single {
-        let origin = cloud.origin();
-        let rows_of = if origin == [0.0; 3] {
-            cloud.points().to_vec()
-        } else {
-            #[expect(clippy::cast_possible_truncation, reason = "asked for")]
-            cloud.iter().map(|p| p.map(|v| v as f32)).collect()
+        #[expect(clippy::cast_possible_truncation, reason = "asked for")]
+        let narrow = || {
+            if cloud.origin() == [0.0; 3] {
+                cloud.points().to_vec()
+            } else {
+                cloud.iter().map(|p| p.map(|v| v as f32)).collect()
+            }
         };
-        return Ok(rows(py, rows_of)?.into_any());
+        return Ok(rows(py, py.detach(narrow))?.into_any());
     }
-    Ok(rows(py, cloud.iter().collect())?.into_any())
+    Ok(rows(py, py.detach(|| cloud.iter().collect()))?.into_any())
 }
 
 /// A 4x4 matrix that must be a rigid transform, `map_from_query`.

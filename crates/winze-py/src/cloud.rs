@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use numpy::{PyArray1, PyReadonlyArray1};
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -62,6 +62,7 @@ impl Cloud {
     #[new]
     #[pyo3(signature = (points, fourth_is_intensity, intensity, viewpoint))]
     fn new(
+        py: Python<'_>,
         points: Rows<'_>,
         fourth_is_intensity: bool,
         intensity: Option<PyReadonlyArray1<'_, f32>>,
@@ -73,7 +74,7 @@ impl Cloud {
             dropped,
             single,
             rows,
-        } = points.gather(fourth_is_intensity)?;
+        } = points.gather(py, fourth_is_intensity)?;
         if let Some(intensity) = intensity {
             let all = intensity.as_array();
             if all.len() != rows {
@@ -111,7 +112,8 @@ impl Cloud {
 
     /// Offsets from the origin, a copy.
     fn offsets<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        Ok(arrays::rows(py, self.cloud.points().to_vec())?.into_any())
+        let offsets = py.detach(|| self.cloud.points().to_vec());
+        Ok(arrays::rows(py, offsets)?.into_any())
     }
 
     #[getter]
@@ -167,16 +169,84 @@ impl Cloud {
         self.cloud.bounds(0.0)
     }
 
-    fn transformed(&self, matrix: [[f64; 4]; 4]) -> PyResult<Self> {
-        let pose = arrays::pose(&matrix, "transform")?;
-        let moved = self.cloud.transformed(&pose).map_err(raise)?;
-        Ok(Self::made(moved, self.single))
+    fn transformed(&self, py: Python<'_>, matrix: [[f64; 4]; 4]) -> PyResult<Self> {
+        let pose = arrays::pose(&matrix, "pose")?;
+        let moved = py.detach(|| self.cloud.transformed(&pose)).map_err(raise)?;
+        // Single precision does not reach far from the origin.
+        let single = self.single && moved.origin() == [0.0; 3];
+        Ok(Self::made(moved, single))
+    }
+
+    /// The same points with another intensity or viewpoint, where one is given.
+    #[pyo3(signature = (intensity, viewpoint))]
+    fn with_more(
+        &self,
+        py: Python<'_>,
+        intensity: Option<PyReadonlyArray1<'_, f32>>,
+        viewpoint: Option<[f64; 3]>,
+    ) -> PyResult<Self> {
+        let mut cloud = py.detach(|| (*self.cloud).clone());
+        if let Some(intensity) = intensity {
+            let all = intensity.as_array();
+            if all.len() != cloud.len() {
+                return Err(PyValueError::new_err(format!(
+                    "intensity: {} values for {} points",
+                    all.len(),
+                    cloud.len()
+                )));
+            }
+            cloud = cloud.with_intensities(all.iter().copied().collect());
+        }
+        if viewpoint.is_some() {
+            cloud = cloud.seen_from(viewpoint);
+        }
+        Ok(Self {
+            cloud: Arc::new(cloud),
+            rows: self.rows,
+            kept: self.kept.clone(),
+            dropped: self.dropped,
+            single: self.single,
+            path: None,
+            digest: None,
+        })
+    }
+
+    /// The cloud that had these parts, to the bit.
+    #[staticmethod]
+    #[expect(clippy::too_many_arguments, reason = "what `Cloud.__reduce__` gives")]
+    fn restored(
+        offsets: PyReadonlyArray2<'_, f32>,
+        origin: [f64; 3],
+        intensity: Option<PyReadonlyArray1<'_, f32>>,
+        viewpoint: Option<[f64; 3]>,
+        dropped: [usize; 3],
+        single: bool,
+        path: Option<PathBuf>,
+        digest: Option<String>,
+    ) -> PyResult<Self> {
+        let rows = offsets.as_array();
+        let row = |i: usize| std::array::from_fn(|a| rows[[i, a]]);
+        if rows.ncols() != 3 {
+            return Err(PyValueError::new_err("offsets: (N, 3) is expected"));
+        }
+        let points = (0..rows.nrows()).map(row).collect();
+        let mut cloud = winze::Cloud::with_origin(origin, points).map_err(raise)?;
+        if let Some(intensity) = intensity {
+            cloud = cloud.with_intensities(intensity.as_array().iter().copied().collect());
+        }
+        Ok(Self {
+            dropped,
+            path,
+            digest,
+            ..Self::made(cloud.seen_from(viewpoint), single)
+        })
     }
 
     /// The points of some rows.
-    fn select(&self, rows: PyReadonlyArray1<'_, i64>) -> PyResult<Self> {
+    fn select(&self, py: Python<'_>, rows: PyReadonlyArray1<'_, i64>) -> PyResult<Self> {
         let rows = arrays::indices(&rows.as_array(), self.cloud.len(), "rows")?;
-        Ok(Self::made(self.cloud.select(&rows), self.single))
+        let chosen = py.detach(|| self.cloud.select(&rows));
+        Ok(Self::made(chosen, self.single))
     }
 }
 
@@ -205,6 +275,13 @@ pub(crate) fn read(py: Python<'_>, path: PathBuf, threads: usize) -> PyResult<(C
         digest: Some(r.digest),
     };
     Ok((cloud, told.unbind()))
+}
+
+/// Writes a text file, whole or not at all.
+#[pyfunction]
+pub(crate) fn write_text(py: Python<'_>, path: PathBuf, text: &str) -> PyResult<()> {
+    py.detach(|| winze_io::atomic::write_bytes(&path, text.as_bytes()))
+        .map_err(raise)
 }
 
 /// Writes a cloud file; warnings.

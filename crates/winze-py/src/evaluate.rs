@@ -12,7 +12,7 @@ use crate::work;
 
 /// The evaluation as JSON, and its tables as text.
 #[pyfunction]
-#[pyo3(signature = (cases, *, methods, seeds, only, family, every, set, command, threads, progress))]
+#[pyo3(signature = (cases, *, methods, seeds, only, family, every, set, seed, command, threads, progress))]
 #[expect(clippy::too_many_arguments, reason = "named in Python")]
 pub(crate) fn evaluate(
     py: Python<'_>,
@@ -23,6 +23,7 @@ pub(crate) fn evaluate(
     family: Vec<String>,
     every: usize,
     set: &str,
+    seed: Option<u64>,
     command: String,
     threads: usize,
     progress: Option<Py<PyAny>>,
@@ -35,7 +36,7 @@ pub(crate) fn evaluate(
         .iter()
         .map(parse)
         .collect::<PyResult<Vec<Method>>>()?;
-    let config = crate::settings::config(set, None)?;
+    let config = crate::settings::seeded(set, None, seed)?;
     work::run(py, threads, progress.as_ref(), |told| {
         let file = evaluation::cases::file_of(&cases);
         let (all, _) = evaluation::cases::read(&file).map_err(raise)?;
@@ -62,4 +63,12 @@ pub(crate) fn evaluate(
                 .map_err(raise)?;
         Ok((evaluation.to_json(), evaluation::text(&evaluation)))
     })
+}
+
+/// The cases of a file, or of the folder that holds one, checked, as JSON; paths count from where the program runs.
+#[pyfunction]
+pub(crate) fn read_cases(path: PathBuf) -> PyResult<String> {
+    let file = evaluation::cases::file_of(&path);
+    let (cases, _) = evaluation::cases::read(&file).map_err(raise)?;
+    serde_json::to_string(&cases).map_err(raise)
 }

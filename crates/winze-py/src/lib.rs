@@ -21,9 +21,9 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _winze {
     #[pymodule_export]
-    use super::cloud::{Cloud, read, write};
+    use super::cloud::{Cloud, read, write, write_text};
     #[pymodule_export]
-    use super::evaluate::evaluate;
+    use super::evaluate::{evaluate, read_cases};
     #[pymodule_export]
     use super::located::{Drawing, locate};
     #[pymodule_export]
@@ -31,7 +31,7 @@ mod _winze {
     #[pymodule_export]
     use super::schema::config_schema;
     #[pymodule_export]
-    use super::settings::{check_config, config_text, parse_config};
+    use super::settings::{config_text, parse_config};
     #[pymodule_export]
     use super::simulate::{demo, scenarios, simulate};
     #[pymodule_export]

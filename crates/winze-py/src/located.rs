@@ -122,7 +122,7 @@ impl Drawing {
 
 /// Finds a query in a map: the outcome's document, and what it can be drawn from.
 #[pyfunction]
-#[pyo3(signature = (map, query, *, method, set, initial, gravity_aligned, near, truth, command, threads, progress))]
+#[pyo3(signature = (map, query, *, method, set, seed, initial, gravity_aligned, near, truth, command, threads, progress))]
 #[expect(clippy::too_many_arguments, reason = "named in Python")]
 pub(crate) fn locate(
     py: Python<'_>,
@@ -130,6 +130,7 @@ pub(crate) fn locate(
     query: &Cloud,
     method: &str,
     set: &str,
+    seed: Option<u64>,
     initial: Option<[[f64; 4]; 4]>,
     gravity_aligned: bool,
     near: Option<[f64; 4]>,
@@ -163,7 +164,7 @@ pub(crate) fn locate(
     }
     let (source, query_source) = (map.source(), query.source());
     let (map, query) = (map.asked(), query.cloud.clone());
-    let config = crate::settings::config(set, map.built())?;
+    let config = crate::settings::seeded(set, map.built(), seed)?;
     let digest = settings::digest(&config).map_err(raise)?;
     let steps = steps(method);
     let (outcome, asked) = work::run(py, threads, progress.as_ref(), |told| {

@@ -1,14 +1,15 @@
 //! Maps that are prepared once and kept.
 
-use std::path::PathBuf;
+use std::io::Read as _;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, UNIX_EPOCH};
 
-use pyo3::exceptions::PyValueError;
+use pyo3::exceptions::{PyFileExistsError, PyValueError};
 use pyo3::prelude::*;
 use winze_front::Facts;
 use winze_front::memory::half_of_what_is_free;
-use winze_io::{WriteOptions, write_cloud};
+use winze_io::{WriteOptions, atomic, write_cloud};
 use winze_map::BuildOptions;
 use winze_report::Source;
 
@@ -39,15 +40,52 @@ impl Map {
 impl Map {
     /// Opens a file; read into memory, or mapped.
     #[staticmethod]
-    fn open(path: PathBuf, in_memory: bool) -> PyResult<Self> {
+    fn open(py: Python<'_>, path: PathBuf, in_memory: bool) -> PyResult<Self> {
         let open = if in_memory {
             winze_map::Map::read
         } else {
             winze_map::Map::open
         };
+        let map = py.detach(|| open(&path)).map_err(raise)?;
         Ok(Self {
-            map: Arc::new(open(&path).map_err(raise)?),
+            map: Arc::new(map),
             path: Some(path),
+        })
+    }
+
+    /// Copies its file, whole or not at all.
+    fn save(&self, py: Python<'_>, to: PathBuf, replace: bool) -> PyResult<()> {
+        let Some(path) = self.path.clone() else {
+            return Err(PyValueError::new_err("this map has no file to copy"));
+        };
+        if to.exists() && !replace {
+            return Err(PyFileExistsError::new_err(format!(
+                "{}: is there already; replace=True replaces it",
+                to.display()
+            )));
+        }
+        let digest = self.map.digest();
+        work::run(py, 1, None, |_| {
+            let now = winze_map::Map::open(&path).map_err(raise)?.digest();
+            if now != digest {
+                return Err(PyValueError::new_err(format!(
+                    "{}: is another map by now; open it again",
+                    path.display()
+                )));
+            }
+            atomic::write(&to, |file| {
+                let mut from = std::fs::File::open(&path)?;
+                let mut part = vec![0; 1 << 20];
+                loop {
+                    winze::cancel::check();
+                    let n = from.read(&mut part)?;
+                    if n == 0 {
+                        return Ok(());
+                    }
+                    file.write_all(part.get(..n).unwrap_or_default())?;
+                }
+            })
+            .map_err(raise)
         })
     }
 
@@ -125,11 +163,15 @@ pub(crate) fn build(
         .collect();
     work::run(py, threads, progress.as_ref(), |told| {
         // A map is built from files, which are read several times.
-        let folder = match &scratch {
-            Some(scratch) => tempfile::tempdir_in(scratch),
-            None => tempfile::tempdir(),
-        }
-        .map_err(raise)?;
+        let beside = out.parent().filter(|p| !p.as_os_str().is_empty());
+        let place = scratch.as_deref().or(beside).unwrap_or(Path::new("."));
+        let folder = tempfile::Builder::new()
+            .prefix(".winze-arrays-")
+            .tempdir_in(place)
+            .map_err(|e| {
+                let text = format!("{}: no scratch folder can be made: {e}", place.display());
+                raise_saying(&e.into(), text)
+            })?;
         let mut clouds = Vec::with_capacity(given.len());
         for (i, given) in given.iter().enumerate() {
             clouds.push(match given {

@@ -9,20 +9,24 @@ use crate::error::raise;
 
 /// The settings of a run: the defaults, or those that a map was built with, and over them what was set.
 pub(crate) fn config(set: &str, built: Option<&Map>) -> PyResult<Config> {
-    let set: toml::Table = serde_json::from_str(set).map_err(raise)?;
-    settings::from_table(built, set).map_err(raise)
+    seeded(set, built, None)
 }
 
-/// Raises where a value is outside its domain.
-#[pyfunction]
-pub(crate) fn check_config(set: &str) -> PyResult<()> {
-    config(set, None).map(|_| ())
+/// The same with a seed, which TOML could not hold in full.
+pub(crate) fn seeded(set: &str, built: Option<&Map>, seed: Option<u64>) -> PyResult<Config> {
+    let set: toml::Table = serde_json::from_str(set).map_err(raise)?;
+    let mut config = settings::from_table(built, set).map_err(raise)?;
+    if let Some(seed) = seed {
+        config.seed = seed;
+    }
+    Ok(config)
 }
 
 /// All settings as TOML with what each one means.
 #[pyfunction]
-pub(crate) fn config_text(set: &str) -> PyResult<String> {
-    settings::commented(&config(set, None)?).map_err(raise)
+#[pyo3(signature = (set, seed))]
+pub(crate) fn config_text(set: &str, seed: Option<u64>) -> PyResult<String> {
+    settings::commented(&seeded(set, None, seed)?).map_err(raise)
 }
 
 /// The settings of a TOML text, as JSON.

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use numpy::{IntoPyArray as _, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use winze::config::Orientation;
 use winze::features::Features;
 use winze::fpfh::{DIMENSIONS, Descriptor, descriptors};
 use winze::iss;
@@ -137,18 +138,27 @@ pub(crate) fn remove_outliers<'py>(
 
 /// A unit normal a point, zero where it is undefined.
 #[pyfunction]
-#[pyo3(signature = (cloud, set, voxel, threads))]
+#[pyo3(signature = (cloud, set, voxel, viewpoint, threads))]
 pub(crate) fn estimate_normals<'py>(
     py: Python<'py>,
     cloud: &Cloud,
     set: &str,
     voxel: f64,
+    viewpoint: Option<[f64; 3]>,
     threads: usize,
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
     positive(voxel)?;
-    let (cloud, config) = (cloud.cloud.clone(), config(set, None)?);
+    let (cloud, mut config) = (cloud.cloud.clone(), config(set, None)?);
+    if viewpoint.is_some() {
+        config.prepare.orientation = Orientation::Auto;
+    }
     let normals = work::run(py, threads, None, |_| {
-        Ok(prepare_stage::normals(&cloud, &config.prepare, voxel))
+        Ok(prepare_stage::normals(
+            &cloud,
+            &config.prepare,
+            voxel,
+            viewpoint,
+        ))
     })?;
     arrays::rows(py, normals)
 }

@@ -6,7 +6,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError, TryLockError};
 use std::time::Duration;
 
 use pyo3::exceptions::{PyOSError, PyRuntimeError};
@@ -19,6 +19,8 @@ const TICK: Duration = Duration::from_millis(50);
 
 /// Pools that wait for the next call, at most.
 const IDLE: usize = 4;
+/// Threads of one that does, at most: more were asked for once, maybe by mistake.
+const KEPT: usize = 64;
 
 /// Threads that do one call's work at a time.
 struct Workers {
@@ -32,18 +34,27 @@ struct Workers {
 
 static WAITING: Mutex<Vec<Workers>> = Mutex::new(Vec::new());
 
+/// The pools that wait; nothing where another thread is at them, or was when this process was forked.
+fn waiting() -> Option<MutexGuard<'static, Vec<Workers>>> {
+    match WAITING.try_lock() {
+        Ok(waiting) => Some(waiting),
+        Err(TryLockError::Poisoned(e)) => Some(e.into_inner()),
+        Err(TryLockError::WouldBlock) => None,
+    }
+}
+
 impl Workers {
     fn borrow(threads: usize) -> PyResult<Self> {
         let process = std::process::id();
-        let mut waiting = WAITING.lock().unwrap_or_else(PoisonError::into_inner);
-        if waiting.iter().any(|w| w.process != process) {
-            // Their threads are in the parent; to wait for their end would be to wait for ever.
-            std::mem::forget(std::mem::take(&mut *waiting));
+        if let Some(mut waiting) = waiting() {
+            if waiting.iter().any(|w| w.process != process) {
+                // Their threads are in the parent; to wait for their end would be to wait for ever.
+                std::mem::forget(std::mem::take(&mut *waiting));
+            }
+            if let Some(i) = waiting.iter().position(|w| w.threads == threads) {
+                return Ok(waiting.remove(i));
+            }
         }
-        if let Some(i) = waiting.iter().position(|w| w.threads == threads) {
-            return Ok(waiting.swap_remove(i));
-        }
-        drop(waiting);
         let token = Token::default();
         let own = token.clone();
         let pool = ThreadPoolBuilder::new()
@@ -62,8 +73,13 @@ impl Workers {
 
     fn give_back(self) {
         self.token.reset();
-        let mut waiting = WAITING.lock().unwrap_or_else(PoisonError::into_inner);
-        if waiting.len() < IDLE {
+        if self.threads > KEPT {
+            return;
+        }
+        if let Some(mut waiting) = waiting() {
+            if waiting.len() == IDLE {
+                waiting.remove(0);
+            }
             waiting.push(self);
         }
     }

@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+import types
+
 import numpy as np
 import pytest
 
 import winze
+
+
+class Stubborn:
+    """An array that does not want to be one, like a tensor that needs its gradient."""
+
+    def __array__(self, dtype=None, copy=None):
+        raise RuntimeError("it needs its gradient")
 
 
 def layouts(points: np.ndarray) -> dict[str, np.ndarray]:
@@ -85,6 +96,13 @@ def test_other_numbers_are_taken_at_their_value(dtype):
         (np.zeros(4, [("x", "f4"), ("y", "f4")]), ValueError, "without z"),
         (np.ma.masked_array(np.zeros((4, 3)), np.eye(4, 3)), ValueError, "mask"),
         ([[1e9, 0, 0], [0, 0, 0]], ValueError, "wide"),
+        (np.ma.masked_array(np.zeros(4, [("x", "f4"), ("y", "f4"), ("z", "f4")]), True), ValueError, "mask"),
+        (types.SimpleNamespace(points=np.ma.masked_array(np.zeros((4, 3)), np.eye(4, 3))), ValueError, "points: .*mask"),
+        (types.SimpleNamespace(points=[[0.0], [1.0, 2.0]]), ValueError, "points: rows"),
+        (types.SimpleNamespace(points=object()), TypeError, "points: object"),
+        (types.SimpleNamespace(points=lambda which: which), TypeError, "points: .*cannot be asked"),
+        (np.zeros(4, [("x", "f4", 2), ("y", "f4", 2), ("z", "f4", 2)]), ValueError, "single number"),
+        (Stubborn(), ValueError, "points: .*gradient"),
     ],
 )
 def test_what_is_no_cloud_is_refused_by_name(given, error, says):
@@ -177,3 +195,32 @@ def test_lists_and_clouds_are_arrays_too(wall):
     assert np.array_equal(np.asarray(cloud, dtype=np.float32), wall[:50].astype(np.float32))
     assert np.array_equal(winze.Cloud(cloud).points, wall[:50])
     assert "50 points" in repr(cloud)
+
+
+def test_single_precision_does_not_go_where_it_does_not_reach(wall):
+    single = winze.Cloud(wall.astype(np.float32))
+    away = shift(np.array([500_000.1, 4_500_000.2, 300.3]))
+    moved = single.transform(away)
+    assert moved.points.dtype == np.float64
+    assert np.abs(moved.points - wall - away[:3, 3]).max() < 1e-5
+    far = winze.Cloud((wall + 2000).astype(np.float32))
+    wide = np.asarray(far, dtype=np.float64)
+    assert np.abs(wide - (wall + 2000).astype(np.float32)).max() < 1e-6
+
+
+def test_copies_are_the_same_cloud(wall, tmp_path):
+    points = wall + [500_045.6, 4_500_000.7, 300]
+    points[7] = np.nan
+    cloud = winze.Cloud(points, intensity=np.arange(4000), viewpoint=[5e5, 4.5e6, 301])
+    winze.write(tmp_path / "a.pcd", cloud)
+    for original in (cloud, winze.read(tmp_path / "a.pcd")):
+        for again in (pickle.loads(pickle.dumps(original)), copy.deepcopy(original), winze.Cloud(original)):
+            assert again.offsets.tobytes() == original.offsets.tobytes()
+            assert again.origin.tolist() == original.origin.tolist()
+            assert again.intensity.tobytes() == original.intensity.tobytes()
+            assert again.dropped == original.dropped and again.path == original.path
+            assert (again.viewpoint == original.viewpoint).all()
+    seen = winze.Cloud(cloud, viewpoint=[0, 0, 0])
+    assert seen.viewpoint.tolist() == [0, 0, 0] and seen.intensity.tobytes() == cloud.intensity.tobytes()
+    with pytest.raises(ValueError, match="viewpoint.*finite"):
+        winze.Cloud(wall, viewpoint=[0, np.nan, 0])

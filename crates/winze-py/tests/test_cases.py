@@ -27,7 +27,8 @@ def test_a_mine_with_its_truth(mine):
         assert case.map.exists() and case.query.exists()
         if case.truth is not None:
             found = winze.locate(case.map, case.query, truth=case.truth)
-            assert not found.located or found.error[0] < 1.0
+            assert found.error is None or np.isfinite(found.error).all()
+            assert (found.error is None) == (found.pose is None)
 
 
 def test_the_command_line_makes_the_same(mine, binary, tmp_path):
@@ -55,8 +56,15 @@ def test_an_evaluation(mine, binary, tmp_path):
         winze.evaluate(mine[0], only="nothing*")
     with pytest.raises(ValueError, match="methods"):
         winze.evaluate(mine[0], method="magic")
-    with pytest.raises(FileNotFoundError):
-        winze.evaluate(tmp_path / "none")
+    for wrong in (-1, 2**63):
+        with pytest.raises(ValueError, match="seeds"):
+            winze.evaluate(mine[0], seeds=wrong)
+    for ask in (winze.evaluate, winze.read_cases):
+        with pytest.raises(FileNotFoundError):
+            ask(tmp_path / "none")
+        (tmp_path / "cases.json").write_text('{"cases": [{"name": "a", "map": "m", "query": "q"}]}')
+        with pytest.raises(ValueError, match=r"cases.json: case 1 \(a\): truth"):
+            ask(tmp_path)
 
 
 def test_scenarios_that_are_none(tmp_path):

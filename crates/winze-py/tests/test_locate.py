@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import pickle
 import subprocess
@@ -63,6 +64,8 @@ def test_an_outcome_is_pickled_without_its_clouds(demo_outcome):
     assert again._repr_png_() is None and "located" in str(again)
     with pytest.raises(RuntimeError, match="unpickled"):
         again.to_html()
+    assert copy.deepcopy(demo_outcome).to_png() == demo_outcome.to_png()
+    assert demo_outcome.without_clouds()._repr_png_() is None
 
 
 def test_threads_and_forms_change_nothing(demo, demo_outcome, tmp_path):
@@ -139,19 +142,35 @@ def test_not_to_know_is_an_answer():
         ({"truth": [["a"] * 4] * 4}, TypeError, "truth"),
         ({"threads": -1}, ValueError, "threads"),
         ({"threads": 1.5}, TypeError, "threads"),
+        ({"threads": 2**64}, ValueError, "threads"),
         ({"seed": -1}, ValueError, "seed"),
+        ({"seed": 2**64}, ValueError, "seed"),
+        ({"seed": 1.5}, TypeError, "seed"),
         ({"config": {"scale.vxel": 1}}, ValueError, "vxel"),
         ({"config": {"scale": {"voxel": -1}}}, ValueError, "scale.voxel = -1"),
         ({"config": {"icp.kernel": "soft"}}, ValueError, "soft"),
         ({"config": {"scale.voxel": float("nan")}}, ValueError, "finite"),
         ({"config": {"scale.voxel": object()}}, TypeError, "object"),
         ({"config": 3}, TypeError, "Config"),
+        ({"config": "nowhere.toml"}, FileNotFoundError, "nowhere"),
         ({"progress": 3}, TypeError, "progress"),
     ],
 )
 def test_wrong_questions_are_refused_by_name(demo, options, error, says):
     with pytest.raises(error, match=says):
         winze.locate(demo[0], demo[1], **options)
+
+
+def test_seeds_of_sixty_four_bits(demo):
+    for seed in (2**63, 2**64 - 1):
+        assert winze.locate(demo[0], demo[1], method="ndt+icp", seed=seed).to_dict()["seed"] == seed
+    assert winze.locate(demo[0], demo[1], method="ndt+icp", config=winze.Config(seed=5)).to_dict()["seed"] == 5
+
+
+def test_what_a_reader_warns_of_is_heard(demo, tmp_path):
+    (tmp_path / "q.xyz").write_text("0 0 0\nnan 1 2\n1 1 1\n")
+    with pytest.warns(UserWarning, match="q.xyz: 1 points are not finite"):
+        winze.locate(demo[0], tmp_path / "q.xyz")
 
 
 def test_a_map_without_points_is_an_error(demo):

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import copy
+import multiprocessing
 import pickle
+import sys
 
 import numpy as np
 import pytest
@@ -36,6 +39,12 @@ def test_it_is_built_from_arrays_and_files_alike(demo, built, tmp_path):
     assert again.info()["digest"] == of_arrays.info()["digest"], "equal arrays, equal map"
     assert of_files.info()["points"] == built.info()["points"] == len(demo[0])
     assert len(winze.Map.build(demo[0].points[:500].tolist()).info()["sources"]) == 1
+    of_generator = winze.Map.build(p for p in sorted(tmp_path.glob("*.p*")))
+    assert of_generator.info()["points"] == len(demo[0])
+    records = np.zeros(500, [("x", "f4"), ("y", "f4"), ("z", "f4")])
+    for i, name in enumerate("xyz"):
+        records[name] = demo[0].points[:500, i]
+    assert winze.Map.build([records, records]).info()["points"] == 1000
 
 
 def test_it_is_kept(demo, built, tmp_path):
@@ -58,7 +67,10 @@ def test_it_is_kept(demo, built, tmp_path):
     in_memory = winze.Map.open(kept.path, in_memory=True)
     for m in (again, in_memory):
         assert m.info()["digest"] == kept.info()["digest"]
-    assert "3 levels" in repr(kept) or "levels" in repr(kept)
+    assert repr(kept).startswith(f"Map({len(demo[0])} points, ") and "kept.wmap" in repr(kept)
+    assert copy.copy(passing) is passing and copy.deepcopy(kept) is kept
+    with pytest.raises(FileNotFoundError, match="folder does not exist"):
+        passing.save(tmp_path / "no" / "kept.wmap")
     assert kept.points.shape[1] == 3
 
 
@@ -81,6 +93,10 @@ def test_what_is_no_map(tmp_path, demo):
         winze.Map.open(tmp_path / "damaged.wmap").check()
     with pytest.raises(TypeError, match=r"Map.build"):
         winze.Map()
+    with pytest.raises(TypeError, match=r"clouds\[0\]: a winze.Map"):
+        winze.Map.build(winze.Map.build(demo[0]))
+    with pytest.raises(TypeError, match="query_points: a winze.Map"):
+        winze.locate(demo[0], winze.Map.build(demo[0]))
     with pytest.raises(ValueError, match="none given"):
         winze.Map.build([])
     with pytest.raises(ValueError, match=r"clouds\[1\]"):
@@ -97,3 +113,22 @@ def test_it_carries_its_settings(demo, tmp_path):
     assert outcome.pose.tobytes() == asked.pose.tobytes()
     with pytest.raises(ValueError, match="normal_least"):
         kept.locate(demo[1], config={"prepare.normal_least": 20})
+    # The default is a contradiction too, where it is said.
+    (tmp_path / "usual.toml").write_text("[prepare]\nnormal_least = 16\n")
+    for usual in ({"prepare.normal_least": 16}, tmp_path / "usual.toml"):
+        with pytest.raises(ValueError, match="normal_least"):
+            kept.locate(demo[1], config=usual)
+
+
+def end(_):
+    sys.exit(0)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_forked_process_leaves_the_map_there(demo, tmp_path):
+    passing = winze.Map.build(demo[0])
+    child = multiprocessing.get_context("fork").Process(target=end, args=(passing,))
+    child.start()
+    child.join(60)
+    assert child.exitcode == 0
+    assert passing.save(tmp_path / "kept.wmap").info()["points"] == len(demo[0])

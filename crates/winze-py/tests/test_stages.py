@@ -28,6 +28,8 @@ def test_voxels_are_means_of_their_points(wall):
     for wrong in ("0.5", None, [0.5], True):
         with pytest.raises(TypeError, match="voxel"):
             winze.voxel_downsample(wall, wrong)
+    with pytest.raises(ValueError, match="voxel"):
+        winze.voxel_downsample(wall, 10**400)
 
 
 def brute_statistical(points: np.ndarray, k: int, deviations: float) -> np.ndarray:
@@ -42,7 +44,10 @@ def test_outliers_go(wall):
     kept = winze.remove_outliers(points, return_indices=True)
     assert np.array_equal(kept, brute_statistical(points, 12, 3.0))
     assert 17 not in kept
-    assert np.array_equal(winze.remove_outliers(points), points[kept].astype(np.float32).astype(float))
+    assert np.array_equal(winze.remove_outliers(points), points[kept])
+    utm = points + [500_000.123456789, 4_500_000, 0]
+    cleaned = winze.remove_outliers(utm)
+    assert np.isin(cleaned, utm).all(), "rows as they are"
     config = winze.PrepareConfig(statistical_neighbours=0, radius_neighbours=3, outlier_radius=0.6)
     near = (np.linalg.norm(points[:, None] - points[None], axis=2) <= 0.6).sum(1) - 1
     got = winze.remove_outliers(points, config=config, return_indices=True)
@@ -64,6 +69,28 @@ def test_rows_that_are_no_points_keep_their_place(wall):
     of_whole = winze.fpfh(whole, winze.estimate_normals(whole, 0.2), winze.iss_keypoints(whole, 0.2), 0.2)
     assert np.array_equal(described, of_whole)
     assert (winze.fpfh(holes, normals, [100], 0.2) == 0).all()
+
+
+def test_a_cloud_counts_its_own_points(wall):
+    holes = wall.copy()
+    holes[[0, 100, 3999]] = np.nan
+    cloud = winze.Cloud(holes)
+    assert winze.estimate_normals(cloud, 0.2).shape == cloud.points.shape == (3997, 3)
+    assert winze.estimate_normals(cloud, 0.2, viewpoint=[0, 0, 9]).shape == (3997, 3)
+    kept = winze.remove_outliers(cloud, 0.2, return_indices=True)
+    assert np.array_equal(winze.remove_outliers(cloud, 0.2).points, cloud.points[kept])
+    found = winze.iss_keypoints(cloud, 0.2)
+    assert found.indices.max() < 3997
+    assert len(winze.fpfh(cloud, winze.estimate_normals(cloud, 0.2), found, 0.2)) == len(found.indices)
+    assert winze.ransac(cloud, cloud, [[0, 0], [9, 9], [700, 700]], 0.2).samples > 0
+
+
+@pytest.mark.parametrize("few", [[], [[1.0, 2.0, 3.0]], [[1.0, 2.0, 3.0]] * 5])
+def test_too_few_points_are_no_error(few):
+    points = np.reshape(few, (-1, 3))
+    assert winze.remove_outliers(points).shape == points.shape
+    assert (winze.estimate_normals(points) == 0).all()
+    assert len(winze.iss_keypoints(points).indices) <= len(points)
 
 
 def test_normals_are_those_of_the_covariance(wall):
@@ -123,15 +150,15 @@ def test_keypoints_and_descriptors(wall):
 def test_matches_are_the_nearest(wall):
     rng = np.random.default_rng(5)
     query, other = rng.uniform(0, 100, (40, 33)), rng.uniform(0, 100, (60, 33)).astype(np.float32)
-    found = winze.match_features(query, other, winze.MatchingConfig(mutual=False))
+    found = winze.match_features(other, query, winze.MatchingConfig(mutual=False))
     distances = np.linalg.norm(query.astype(np.float32)[:, None] - other[None], axis=2)
     assert np.array_equal(found.pairs[:, 0], np.arange(40))
     assert np.array_equal(found.pairs[:, 1], distances.argmin(1))
     assert np.allclose(found.distances, distances.min(1), rtol=1e-5)
-    mutual = winze.match_features(query, np.asfortranarray(other))
+    mutual = winze.match_features(np.asfortranarray(other), query)
     assert all(distances[:, m].argmin() == q for q, m in mutual.pairs)
     with pytest.raises(ValueError, match="33"):
-        winze.match_features(query[:, :32], other)
+        winze.match_features(other, query[:, :32])
 
 
 def test_sampling_finds_the_pose(wall):
@@ -146,19 +173,19 @@ def test_sampling_finds_the_pose(wall):
     pairs[100:, 1] = rng.permutation(200)[100:]
     pairs = pairs[rng.permutation(200)]
     config = winze.RansacConfig(min_samples=2000, max_samples=20_000)
-    estimate = winze.ransac(query, target, pairs, 0.2, config, seed=4)
+    estimate = winze.ransac(target, query, pairs, 0.2, config, seed=4)
     best = estimate.hypotheses[0]
     distance, degrees = pose_error(best.map_from_query, truth, query.mean(0))
     assert distance < 0.01 and degrees < 0.1 and best.inliers >= 100 and best.rmse < 0.01
-    again = winze.ransac(query, target, pairs, 0.2, config, seed=4, threads=1)
+    again = winze.ransac(target, query, pairs, 0.2, config, seed=4, threads=1)
     assert again.hypotheses[0].map_from_query.tobytes() == best.map_from_query.tobytes()
     assert again.samples == estimate.samples
-    assert winze.ransac(query, target, np.zeros((0, 2), int), 0.2).hypotheses == []
+    assert winze.ransac(target, query, np.zeros((0, 2), int), 0.2).hypotheses == []
     for wrong in ([[0, 200]], [[-1, 0]]):
         with pytest.raises(ValueError, match="correspondences"):
-            winze.ransac(query, target, wrong, 0.2)
+            winze.ransac(target, query, wrong, 0.2)
     with pytest.raises(ValueError, match="correspondences"):
-        winze.ransac(query, target, [[0, 1, 2]], 0.2)
+        winze.ransac(target, query, [[0, 1, 2]], 0.2)
 
 
 def test_refiners_come_home(demo):
@@ -173,10 +200,16 @@ def test_refiners_come_home(demo):
         assert refined.information.shape == (6, 6) and refined.about.shape == (3,)
         of_points = refine(map_cloud.points, np.asfortranarray(query.points), start, 0.2)
         assert of_points.map_from_query.tobytes() == refined.map_from_query.tobytes()
+    # A surface and points: these are prepared at the surface's size.
     mixed = winze.icp(surfaces[0], query, start)
-    assert mixed.stop in ("converged", "max_iterations")
-    lost = winze.icp(*surfaces)
-    assert lost.stop == "too_few_pairs" or lost.pairs > 0
+    assert mixed.map_from_query.tobytes() == winze.icp(*surfaces, start).map_from_query.tobytes()
+    nowhere = start.copy()
+    nowhere[:3, 3] += 900
+    assert winze.icp(*surfaces, nowhere).stop == winze.ndt(*surfaces, nowhere).stop == "too_few_pairs"
+    with pytest.raises(ValueError, match="0.2 m and 0.3 m"):
+        winze.icp(*surfaces, start, 0.3)
+    with pytest.raises(TypeError, match="Map"):
+        winze.icp(winze.Map.build(map_cloud), query, start)
 
 
 def test_inliers_are_counted(wall):

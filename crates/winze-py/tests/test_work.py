@@ -35,6 +35,8 @@ WORK = {
     "normals": "winze.estimate_normals(points, config=winze.PrepareConfig(normal_most=200, normal_radius=0.0), threads=1)",
     "fpfh": "winze.fpfh(points, np.ones_like(points) / 3**0.5, voxel=0.3)",
     "map": "winze.Map.build(points)",
+    "voxels": "while True: winze.voxel_downsample(points, 0.05)",
+    "write": "import tempfile; winze.write(tempfile.mkdtemp() + '/a.csv', np.tile(points, (20, 1)))",
     "simulate": "import tempfile; winze.simulate('aliasing', tempfile.mkdtemp())",
 }
 
@@ -139,3 +141,42 @@ def test_a_forked_process_has_threads_of_its_own(wall):
     assert {n for n, _ in found} == {expected} and os.getpid() not in {p for _, p in found}
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         assert pool.apply_async(count_points, (winze.Cloud(wall),)).get(timeout=60)[0] == expected
+
+
+def test_a_callback_may_ask_winze_itself(demo, wall):
+    inner = []
+
+    def ask(what, done):
+        if what == "match":
+            inner.append(len(winze.voxel_downsample(wall, 0.5, threads=1)))
+
+    assert winze.locate(demo[0], demo[1], progress=ask, threads=1).located
+    assert inner and set(inner) == {len(winze.voxel_downsample(wall, 0.5))}
+
+
+def test_what_ends_a_program_ends_it(demo):
+    def leave(what, done):
+        raise SystemExit(3)
+
+    with pytest.raises(SystemExit):
+        winze.locate(demo[0], demo[1], progress=leave)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_a_fork_in_the_middle_of_work(demo, wall):
+    """A child of a process whose other threads are at work has threads of its own."""
+    over = threading.Event()
+
+    def work():
+        while not over.is_set():
+            winze.estimate_normals(demo[0], threads=1)
+
+    busy = threading.Thread(target=work)
+    busy.start()
+    try:
+        for _ in range(5):
+            with multiprocessing.get_context("fork").Pool(1) as pool:
+                assert pool.apply_async(count_points, (wall,)).get(timeout=60)[0] > 0
+    finally:
+        over.set()
+        busy.join()

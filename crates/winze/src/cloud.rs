@@ -202,6 +202,23 @@ impl Cloud {
         }
     }
 
+    /// From offsets that another cloud of that origin had: the same cloud, to the bit.
+    ///
+    /// # Errors
+    /// [`Error::TooWide`] where one is not finite or beyond [`MAX_OFFSET`].
+    pub fn with_origin(origin: [f64; 3], offsets: Vec<[f32; 3]>) -> Result<Self> {
+        let far = |p: &&[f32; 3]| !p.iter().all(|v| f64::from(v.abs()) <= MAX_OFFSET);
+        let far = offsets.iter().filter(far).count();
+        if far > 0 || !origin.iter().all(|v| v.is_finite()) {
+            return Err(Error::TooWide {
+                far,
+                total: offsets.len(),
+                limit_m: MAX_OFFSET,
+            });
+        }
+        Ok(Self::from_offsets(origin, offsets))
+    }
+
     /// Offsets that are known to be finite and in reach.
     pub(crate) fn from_offsets(origin: [f64; 3], points: Vec<[f32; 3]>) -> Self {
         Self {
@@ -410,6 +427,16 @@ mod tests {
         back.reverse();
         assert_eq!(other.0.select(&back).intensity(), one.0.intensity());
         assert_eq!(other.0.point(0), one.0.point(2969));
+    }
+
+    #[test]
+    fn a_cloud_is_made_again_from_its_parts() {
+        let (cloud, _) = Cloud::from_points(&[[5e5, 4e6, 300.1], [5e5 + 7.7, 4e6, 299.0]]).unwrap();
+        let again = Cloud::with_origin(cloud.origin(), cloud.points().to_vec());
+        assert_eq!(again.unwrap(), cloud);
+        for broken in [f32::NAN, f32::INFINITY, 2e4] {
+            assert!(Cloud::with_origin([0.0; 3], vec![[0.0, broken, 0.0]]).is_err());
+        }
     }
 
     #[test]

@@ -260,13 +260,19 @@ pub fn confirmed(cloud: &Cloud, config: &PrepareConfig, voxel: f64) -> Vec<u32> 
     kept
 }
 
-/// A unit normal for each point of `cloud` as it is, fitted and turned as [`prepare`] does it; `[0, 0, 0]` where undefined. The
-/// lengths of `config` count in `voxel` metres, or about the spacing of its points.
+/// A unit normal for each point of `cloud` as it is, fitted and turned as [`prepare`] does it for one that was seen from
+/// `viewpoint` (the cloud's frame, metres; `None`: its own); `[0, 0, 0]` where undefined. The lengths of `config` count in `voxel`
+/// metres, or about the spacing of its points.
 #[must_use]
-pub fn normals(cloud: &Cloud, config: &PrepareConfig, voxel: f64) -> Vec<[f32; 3]> {
+pub fn normals(
+    cloud: &Cloud,
+    config: &PrepareConfig,
+    voxel: f64,
+    viewpoint: Option<[f64; 3]>,
+) -> Vec<[f32; 3]> {
     let frame = Frame {
         origin: cloud.origin(),
-        viewpoint: cloud.viewpoint(),
+        viewpoint: viewpoint.or(cloud.viewpoint()),
     };
     let made = surface_in(cloud.points().to_vec(), frame, config, voxel, &Memory);
     let Ok(SurfaceColumns {
@@ -296,7 +302,7 @@ mod tests {
         };
         let thinned = voxel::downsample(&cloud, 0.2);
         let surface = prepare(&cloud, &config, 0.2);
-        let normals = normals(&thinned, &config, 0.2);
+        let normals = normals(&thinned, &config, 0.2, None);
         assert_eq!(normals.len(), thinned.len());
         for (p, n) in surface.points.iter().zip(surface.normals.iter()) {
             let i = thinned.points().iter().position(|q| q == p).unwrap();

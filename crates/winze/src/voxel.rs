@@ -6,6 +6,7 @@
 
 use rayon::prelude::*;
 
+use crate::cancel;
 use crate::cloud::Cloud;
 use crate::columns::Columns;
 
@@ -24,6 +25,7 @@ pub fn downsample(cloud: &Cloud, voxel: f64) -> Cloud {
     }
     let groups = group(cloud, voxel);
     let centroid = |group: &[u32]| -> ([f64; 3], f32) {
+        cancel::check();
         let (mut sum, mut intensity) = ([0.0f64; 3], 0.0f64);
         for &i in group {
             let p = cloud.points()[i as usize];

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +35,7 @@ class Case:
     family: str
     """The kind of case."""
     values: dict[str, Any]
-    """All that the file has of it."""
+    """All that is known of it: gravity_aligned, overlap, ambiguous, alternatives, unobservable, tolerance, sensor, ..."""
 
 
 def scenarios() -> dict[str, str]:
@@ -67,34 +68,37 @@ def simulate(
         The cases, also in ``out/cases.json``.
     """
     with following(progress) as callback:
-        _winze.simulate(
+        notes = _winze.simulate(
             os.fspath(scenario),
             os.fspath(out),
-            seed=whole(seed, "seed"),
-            count=None if count is None else whole(count, "count"),
+            seed=whole(seed, "seed", 2**64 - 1),
+            count=None if count is None else whole(count, "count", 2**32),
             mesh=mesh,
             threads=whole(threads, "threads"),
             progress=callback,
         )
+    for note in notes:
+        warnings.warn(note, stacklevel=2)
     return read_cases(out)
 
 
 def read_cases(path: str | os.PathLike[str]) -> list[Case]:
-    """The cases of a ``cases.json``, or of the folder that holds one; paths count from where the program runs."""
-    file = Path(path)
-    if file.is_dir():
-        file = file / "cases.json"
-    rows = json.loads(file.read_text(encoding="utf-8"))["cases"]
+    """The cases of a ``cases.json``, or of the folder that holds one; paths count from where the program runs.
+
+    Raises:
+        OSError: where the file cannot be read.
+        ValueError: where it is broken, with the case and the field.
+    """
     return [
         Case(
             name=row["name"],
-            map=file.parent / row["map"],
-            query=file.parent / row["query"],
+            map=Path(row["map"]),
+            query=Path(row["query"]),
             truth=None if row["truth"] is None else np.array(row["truth"], dtype=np.float64),
-            family=row.get("family", "-"),
+            family=row["family"],
             values=row,
         )
-        for row in rows
+        for row in json.loads(_winze.read_cases(os.fspath(path)))
     ]
 
 
@@ -156,15 +160,17 @@ def evaluate(
     """
     methods = [method] if isinstance(method, str) else list(method)
     patterns = [[p] if isinstance(p, str) else list(p) for p in (only, family)]
+    settings, chosen = changed(config)
     with following(progress) as callback:
         document, text = _winze.evaluate(
             os.fspath(cases),
             methods=methods,
-            seeds=whole(seeds, "seeds"),
+            seeds=whole(seeds, "seeds", 100_000),
             only=patterns[0],
             family=patterns[1],
-            every=whole(every, "every"),
-            set=changed(config),
+            every=whole(every, "every", 2**32),
+            set=settings,
+            seed=chosen,
             command=f"winze.evaluate({os.fspath(cases)!r})",
             threads=whole(threads, "threads"),
             progress=callback,

@@ -3,16 +3,32 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Union
+import warnings
+from typing import Any, Protocol, Union
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _winze
-from ._arrays import Fourth, intensity_of, matrix, rows, whole
+from ._arrays import Fourth, intensity_of, matrix, numbers, place, rows, whole
+
+
+class HasPoints(Protocol):
+    """A cloud of Open3D or small_gicp: an attribute or a method with points."""
+
+    @property
+    def points(self) -> Any: ...
+
+
+class HasPoint(Protocol):
+    """A tensor cloud of Open3D: tensors by name, ``positions`` among them."""
+
+    @property
+    def point(self) -> Any: ...
+
 
 #: Points in any form: an array of shape (N, 3), a Cloud, a path, an Open3D or small_gicp cloud, records with fields x, y and z.
-PointsLike = Union["Cloud", npt.ArrayLike, "os.PathLike[str]", str, Any]
+PointsLike = Union["Cloud", npt.ArrayLike, "os.PathLike[str]", HasPoints, HasPoint]
 
 
 class Cloud:
@@ -43,26 +59,25 @@ class Cloud:
                 are not finite, and the few that lie hopelessly far from the rest, are dropped and counted in ``dropped``.
             intensity: (N,), kept in float32.
             fourth: ``"intensity"`` or ``"ignore"``.
-            viewpoint: (3,), where the one sensor stood that saw all of it; normals are then turned towards it.
+            viewpoint: (3,), where the one sensor stood that saw all of it; with ``PrepareConfig(orientation="auto")`` normals are turned
+                towards it.
+
+        A Cloud is taken with all that it has, and shared rather than copied where nothing is added.
 
         Raises:
             TypeError: for what holds no real numbers.
             ValueError: for a wrong shape, or where more than 1 % of the points lie more than 16 km from the middle.
         """
-        if isinstance(points, Cloud):
-            points = points.points
-        array = rows(points, "points", fourth)
-        given = intensity_of(points) if intensity is None else intensity
-        values = None if given is None else np.ascontiguousarray(given, dtype=np.float32)
-        if values is not None and values.ndim != 1:
-            raise ValueError(f"intensity: shape {values.shape} where (N,) is expected")
-        seen_from = None
-        if viewpoint is not None:
-            seen_from = np.asarray(viewpoint, dtype=np.float64).tolist()
-            if np.shape(seen_from) != (3,):
-                raise ValueError(f"viewpoint: shape {np.shape(seen_from)} where (3,) is expected")
-        self._core = _winze.Cloud(array, fourth == "intensity", values, seen_from)
         self._report = {}
+        seen_from = None if viewpoint is None else place(viewpoint, "viewpoint")
+        given = intensity_of(points) if intensity is None else numbers(intensity, "intensity")
+        if isinstance(points, Cloud):
+            same = given is None and seen_from is None
+            self._core = points._core if same else points._core.with_more(given, seen_from)
+            self._report = points._report
+            return
+        array = rows(points, "points", fourth)
+        self._core = _winze.Cloud(array, fourth == "intensity", given, seen_from)
 
     @classmethod
     def _of(cls, core: _winze.Cloud, report: dict[str, Any] | None = None) -> Cloud:
@@ -130,8 +145,9 @@ class Cloud:
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         if copy is False:
             raise ValueError("a Cloud's points cannot be had without a copy")
-        array = self.points
-        return array if dtype is None else array.astype(dtype, copy=False)
+        if dtype is None:
+            return self.points
+        return self._core.points(np.dtype(dtype) == np.float32).astype(dtype, copy=False)
 
     def __repr__(self) -> str:
         if len(self) == 0:
@@ -141,21 +157,43 @@ class Cloud:
         file = "" if self.path is None else f", {self.path!r}"
         return f"Cloud({len(self)} points, {extent} m{file})"
 
+    def __copy__(self) -> Cloud:
+        # Nothing of it can be changed.
+        return self
+
+    def __deepcopy__(self, memo: Any) -> Cloud:
+        return self
+
     def __reduce__(self) -> Any:
-        return (_restore, (self.points, self.intensity, self.viewpoint))
+        c = self._core
+        state = (c.offsets(), c.origin, c.intensity, c.viewpoint, c.dropped, c.is_single, self.path, c.digest)
+        return (_restored, (state, self._report))
 
 
-def _restore(points: Any, intensity: Any, viewpoint: Any) -> Cloud:
-    return Cloud(points, intensity=intensity, viewpoint=viewpoint)
+def _restored(state: Any, report: dict[str, Any]) -> Cloud:
+    return Cloud._of(_winze.Cloud.restored(*state), report)
 
 
-def core(points: PointsLike, what: str) -> _winze.Cloud:
+def core(points: PointsLike, what: str, threads: int = 0) -> _winze.Cloud:
     """What the Rust side takes."""
     if isinstance(points, Cloud):
         return points._core
     if isinstance(points, (str, os.PathLike)):
-        return _winze.read(os.fspath(points), 0)[0]
+        found, report = _winze.read(os.fspath(points), threads)
+        told = list(report["warnings"])
+        if found.dropped[0]:
+            told.append(f"{found.dropped[0]} points are not finite and were dropped")
+        for text in told:
+            warnings.warn(f"{os.fspath(points)}: {text}", stacklevel=4)
+        return found
+    if hasattr(points, "_is_winze_map"):
+        raise TypeError(f"{what}: a winze.Map where points are expected; a map goes first, or is asked: map.locate(points)")
     return _winze.Cloud(rows(points, what), False, intensity_of(points), None)
+
+
+def kept(points: PointsLike, cloud: _winze.Cloud) -> npt.NDArray[np.int64] | None:
+    """Which rows of an array became points, where not all did. A Cloud's own points are its rows."""
+    return None if isinstance(points, Cloud) else cloud.kept
 
 
 def read(path: str | os.PathLike[str], *, threads: int = 0) -> Cloud:
@@ -202,5 +240,5 @@ def demo(seed: int = 0) -> tuple[Cloud, Cloud, npt.NDArray[np.float64]]:
     Returns:
         map, query, and ``map_from_query`` (4, 4).
     """
-    a, b, pose = _winze.demo(whole(seed, "seed"))
+    a, b, pose = _winze.demo(whole(seed, "seed", 2**64 - 1))
     return Cloud._of(a), Cloud._of(b), pose

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _winze
-from ._arrays import matrix, whole
+from ._arrays import matrix, native, plain, whole
 from ._cloud import Cloud, PointsLike, core
 from ._outcome import Outcome
 from ._progress import Progress, following
@@ -48,7 +48,8 @@ def locate(
             :class:`Map` or its path.
         query_points: the query, (M, 3), in a frame of its own.
         method: ``"auto"``, or one of the seed paper's five.
-        config: a :class:`Config`, or a dict of those settings that are not to be the default: ``{"scale.voxel": 0.3}``.
+        config: settings: a :class:`Config`, of which those count that are not the default; a dict of some, ``{"scale.voxel": 0.3}``; or a
+            TOML file's path, as ``--config``.
         seed: of every random choice, in the place of the config's (``auto`` makes none).
         gravity_aligned: both clouds have z up: poses that tilt by more than 10° are refused.
         near: (x, y, z, radius), metres of the map's frame: the query's centroid is known to lie in this ball.
@@ -66,11 +67,13 @@ def locate(
             is not rigid, a broken file.
         OSError: where a file cannot be read.
     """
-    prior = _prior(map_points)
-    query = core(query_points, "query_points")
+    workers = whole(threads, "threads")
+    prior = _prior(map_points, workers)
+    query = core(query_points, "query_points", workers)
+    settings, chosen = changed(config, seed)
     region = None
     if near is not None:
-        ball = np.asarray(near, dtype=np.float64)
+        ball = native(plain(near, "near"), "near").astype(np.float64)
         if ball.shape != (4,):
             raise ValueError(f"near: shape {ball.shape} where (x, y, z, radius) is expected")
         region = ball.tolist()
@@ -79,13 +82,14 @@ def locate(
             prior,
             query,
             method=method,
-            set=changed(config, seed),
+            set=settings,
+            seed=chosen,
             initial=None if initial is None else matrix(initial, "initial"),
             gravity_aligned=bool(gravity_aligned),
             near=region,
             truth=None if truth is None else matrix(truth, "truth"),
             command=_command(prior, query, method),
-            threads=whole(threads, "threads"),
+            threads=workers,
             progress=callback,
         )
     return Outcome(document, drawing)
@@ -98,12 +102,12 @@ def _command(prior: _winze.Cloud | _winze.Map, query: _winze.Cloud, method: str)
     return f"winze.locate({name(prior.path, 'map')}, {name(query.path, 'query')}, method={method!r})"
 
 
-def _prior(points: PointsLike | Map) -> _winze.Cloud | _winze.Map:
+def _prior(points: PointsLike | Map, threads: int) -> _winze.Cloud | _winze.Map:
     if isinstance(points, Map):
         return points._core
     if isinstance(points, (str, os.PathLike)) and os.fspath(points).lower().endswith(".wmap"):
         return _winze.Map.open(os.fspath(points), False)
-    return core(points, "map_points")
+    return core(points, "map_points", threads)
 
 
 class _Folder:
@@ -111,7 +115,13 @@ class _Folder:
 
     def __init__(self) -> None:
         self.name = tempfile.mkdtemp(prefix="winze-map-")
-        weakref.finalize(self, shutil.rmtree, self.name, ignore_errors=True)
+        weakref.finalize(self, _remove, self.name, os.getpid())
+
+
+def _remove(folder: str, owner: int) -> None:
+    # A forked process that ends must not take its parent's map along.
+    if os.getpid() == owner:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 class Map:
@@ -122,7 +132,10 @@ class Map:
     its file is there, so that workers share it without a copy.
     """
 
-    __slots__ = ("_core", "_folder")
+    __slots__ = ("__weakref__", "_core", "_folder")
+
+    #: No cloud, although it has points.
+    _is_winze_map = True
 
     _core: _winze.Map
     _folder: _Folder | None
@@ -173,18 +186,18 @@ class Map:
         if path is None:
             folder = _Folder()
             path = os.path.join(folder.name, "map.wmap")
-        given = _parts(clouds)
+        parts = [
+            os.fspath(p) if isinstance(p, (str, os.PathLike)) else core(p, f"clouds[{i}]")
+            for i, p in enumerate(_parts(clouds))
+        ]
         with following(progress) as callback:
             _winze.build(
-                [
-                    os.fspath(p) if isinstance(p, (str, os.PathLike)) else core(p, f"clouds[{i}]")
-                    for i, p in enumerate(given)
-                ],
+                parts,
                 os.fspath(path),
-                set=changed(config),
+                set=changed(config)[0],
                 crs=crs,
                 replace=replace,
-                memory=None if memory is None else whole(memory, "memory"),
+                memory=None if memory is None else whole(memory, "memory", 2**63),
                 scratch=None if scratch is None else os.fspath(scratch),
                 threads=whole(threads, "threads"),
                 progress=callback,
@@ -219,23 +232,7 @@ class Map:
             FileExistsError: where there is a file and ``replace`` is not set.
             OSError: where it cannot be written.
         """
-        source = self._core.path
-        if source is None:
-            raise ValueError("this map has no file to copy")
-        path = os.fspath(path)
-        if os.path.exists(path) and not replace:
-            raise FileExistsError(f"{path}: is there already; replace=True replaces it")
-        handle, making = tempfile.mkstemp(dir=os.path.dirname(path) or ".", prefix=".winze-")
-        os.close(handle)
-        try:
-            shutil.copyfile(source, making)
-            if Map.open(making).info()["digest"] != self.info()["digest"]:
-                raise ValueError(f"{os.fspath(source)}: is another map by now; open it again")
-            shutil.copymode(source, making)
-            os.replace(making, path)
-        except BaseException:
-            os.unlink(making)
-            raise
+        self._core.save(os.fspath(path), replace)
         return Map.open(path)
 
     def info(self) -> dict[str, Any]:
@@ -282,6 +279,13 @@ class Map:
         """(N, 3) points of its finest level, two million at most, to look at."""
         return self._core.points()
 
+    def __copy__(self) -> Map:
+        # Nothing of it can be changed.
+        return self
+
+    def __deepcopy__(self, memo: Any) -> Map:
+        return self
+
     def __repr__(self) -> str:
         info = self.info()
         file = "" if self.path is None else f", {self.path!r}"
@@ -294,8 +298,10 @@ class Map:
 
 
 def _parts(clouds: Any) -> list[Any]:
-    """A list or a tuple of clouds, or one cloud; rows of plain numbers are one."""
-    if isinstance(clouds, (list, tuple)):
-        numbers = clouds and all(np.ndim(row) == 1 and not isinstance(row, (str, Cloud)) for row in clouds)
-        return [clouds] if numbers else list(clouds)
-    return [clouds]
+    """One cloud, or all that are in something iterable; a list of rows of plain numbers is one."""
+    one = isinstance(clouds, (str, os.PathLike, np.ndarray, Cloud, Map)) or hasattr(clouds, "points")
+    if one or hasattr(clouds, "point") or hasattr(clouds, "__array__") or not isinstance(clouds, Iterable):
+        return [clouds]
+    parts = list(clouds)
+    rows = bool(parts) and all(isinstance(p, (list, tuple)) and len(p) == 3 and np.ndim(p) == 1 for p in parts)
+    return [parts] if rows and not isinstance(parts[0][0], (str, os.PathLike)) else parts

@@ -102,8 +102,8 @@ class Unobservable:
 class Outcome:
     """Everything that is known after a question. What was not computed is None.
 
-    In a notebook it shows itself as a picture of the query in the map, before and after. It can be pickled; what comes back has
-    all numbers, but no clouds to draw.
+    In a notebook it shows itself as a picture of the query in the map, before and after. To be drawn it holds on to both clouds;
+    :meth:`without_clouds` lets go of them. It can be pickled; what comes back has all numbers, but no clouds.
     """
 
     def __init__(self, document: str, drawing: _winze.Drawing | None) -> None:
@@ -256,13 +256,12 @@ class Outcome:
         every number beside its threshold. Written to ``path``, if one is given."""
         page = self._drawn().html()
         if path is not None:
-            with open(path, "w", encoding="utf-8") as file:
-                file.write(page)
+            _winze.write_text(os.fspath(path), page)
         return page
 
     def _drawn(self) -> _winze.Drawing:
         if self._drawing is None:
-            raise RuntimeError("this outcome was unpickled, and its clouds did not come along; ask again to draw it")
+            raise RuntimeError("this outcome has no clouds to draw (it was unpickled, or let go of them); ask again")
         return self._drawing
 
     def __str__(self) -> str:
@@ -276,6 +275,17 @@ class Outcome:
 
     def _repr_png_(self) -> bytes | None:
         return None if self._drawing is None else self.to_png()
+
+    def without_clouds(self) -> Outcome:
+        """The same numbers, without the clouds that it could be drawn from: to be kept in large numbers."""
+        return Outcome(self._document, None)
+
+    def __copy__(self) -> Outcome:
+        # Nothing of it can be changed.
+        return self
+
+    def __deepcopy__(self, memo: Any) -> Outcome:
+        return self
 
     def __reduce__(self) -> Any:
         return (Outcome, (self._document, None))

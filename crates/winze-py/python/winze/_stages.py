@@ -6,15 +6,17 @@ spacing of the points themselves, as :func:`spacing` measures it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Literal, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _winze
-from ._arrays import index, matrix, native, whole
-from ._cloud import Cloud, PointsLike, core
+from ._arrays import index, length, matrix, native, place, plain, rows, whole
+from ._cloud import Cloud, PointsLike, core, kept
 from ._config import (
     Config,
     FpfhConfig,
@@ -62,6 +64,13 @@ class Surface:
     def voxel(self) -> float:
         """Voxel size that the points were thinned to, metres."""
         return self._core.voxel
+
+    def __copy__(self) -> Surface:
+        # Nothing of it can be changed.
+        return self
+
+    def __deepcopy__(self, memo: Any) -> Surface:
+        return self
 
     def __repr__(self) -> str:
         return f"Surface({len(self)} points at {self.voxel:g} m)"
@@ -135,33 +144,30 @@ def spacing(points: PointsLike, *, threads: int = 0) -> float:
     Raises:
         ValueError: where no two points lie apart.
     """
-    return _spacing(core(points, "points"), whole(threads, "threads"))
-
-
-def _spacing(cloud: _winze.Cloud, threads: int) -> float:
-    found = _winze.spacing(cloud, threads)
+    workers = whole(threads, "threads")
+    found = _winze.spacing(core(points, "points", workers), workers)
     if found is None:
-        raise ValueError("points: no two of them apart, so nothing says how long a voxel is; give voxel")
+        raise ValueError("points: no two of them lie apart")
     return found
 
 
-def _length(cloud: _winze.Cloud, voxel: float | None, threads: int) -> float:
-    if voxel is None:
-        return _spacing(cloud, threads)
-    return _metres(voxel)
+def _voxel(cloud: _winze.Cloud, voxel: float | None, threads: int) -> float:
+    """What lengths are multiples of: the points' spacing where nothing is said, and anything where they have none."""
+    if voxel is not None:
+        return length(voxel, "voxel")
+    found = _winze.spacing(cloud, threads)
+    return 1.0 if found is None else found
 
 
-def _metres(voxel: Any) -> float:
-    if isinstance(voxel, (bool, str)) or not np.isscalar(voxel):
-        raise TypeError(f"voxel: {voxel!r} is no length in metres")
-    return float(voxel)  # type: ignore[arg-type]
+def _size(surface: Surface, voxel: float | None) -> float:
+    return surface.voxel if voxel is None else length(voxel, "voxel")
 
 
 def choose_voxel(map_points: PointsLike, query_points: PointsLike, *, threads: int = 0) -> float:
     """The voxel size at which a query is best compared with a map, from spacing, passage width and extent of both, metres."""
-    return _winze.choose_voxel(
-        core(map_points, "map_points"), core(query_points, "query_points"), whole(threads, "threads")
-    )
+    workers = whole(threads, "threads")
+    a, b = core(map_points, "map_points", workers), core(query_points, "query_points", workers)
+    return _winze.choose_voxel(a, b, workers)
 
 
 @overload
@@ -182,7 +188,8 @@ def voxel_downsample(points: PointsLike, voxel: float, *, threads: int = 0) -> A
     Returns:
         (M, 3), float32 where the points are, else float64; a Cloud, with mean intensities, where one was given.
     """
-    thinned = _winze.voxel_downsample(core(points, "points"), _metres(voxel), whole(threads, "threads"))
+    workers = whole(threads, "threads")
+    thinned = _winze.voxel_downsample(core(points, "points", workers), length(voxel, "voxel"), workers)
     return Cloud._of(thinned) if isinstance(points, Cloud) else thinned.points()
 
 
@@ -190,7 +197,7 @@ def voxel_downsample(points: PointsLike, voxel: float, *, threads: int = 0) -> A
 def remove_outliers(
     points: Cloud,
     voxel: float | None = None,
-    config: PrepareConfig | Config | None = None,
+    config: PrepareConfig | Config | Mapping[str, Any] | None = None,
     *,
     return_indices: Literal[False] = False,
     threads: int = 0,
@@ -199,7 +206,7 @@ def remove_outliers(
 def remove_outliers(
     points: npt.ArrayLike,
     voxel: float | None = None,
-    config: PrepareConfig | Config | None = None,
+    config: PrepareConfig | Config | Mapping[str, Any] | None = None,
     *,
     return_indices: Literal[False] = False,
     threads: int = 0,
@@ -208,7 +215,7 @@ def remove_outliers(
 def remove_outliers(
     points: PointsLike,
     voxel: float | None = None,
-    config: PrepareConfig | Config | None = None,
+    config: PrepareConfig | Config | Mapping[str, Any] | None = None,
     *,
     return_indices: Literal[True],
     threads: int = 0,
@@ -216,7 +223,7 @@ def remove_outliers(
 def remove_outliers(
     points: PointsLike,
     voxel: float | None = None,
-    config: PrepareConfig | Config | None = None,
+    config: PrepareConfig | Config | Mapping[str, Any] | None = None,
     *,
     return_indices: bool = False,
     threads: int = 0,
@@ -232,21 +239,26 @@ def remove_outliers(
         return_indices: answer the rows of the points that stay instead.
 
     Returns:
-        (M, 3) points in their order, of the type of the input; or (M,) int64 rows.
+        (M, 3): those rows of the array as they are, or a Cloud where one was given; or (M,) int64 rows.
     """
-    cloud = core(points, "points")
     workers = whole(threads, "threads")
-    kept = _winze.remove_outliers(cloud, section("prepare", config), _length(cloud, voxel, workers), workers)
+    cloud = core(points, "points", workers)
+    stay = _winze.remove_outliers(cloud, section("prepare", config), _voxel(cloud, voxel, workers), workers)
+    became = kept(points, cloud)
+    chosen = stay if became is None else became[stay]
     if return_indices:
-        return kept if cloud.kept is None else cloud.kept[kept]
-    left = cloud.select(kept)
-    return Cloud._of(left) if isinstance(points, Cloud) else left.points()
+        return chosen
+    if isinstance(points, Cloud):
+        return Cloud._of(cloud.select(stay))
+    if isinstance(points, (str, os.PathLike)):
+        return cloud.select(stay).points()
+    return rows(points, "points")[chosen]
 
 
 def estimate_normals(
     points: PointsLike,
     voxel: float | None = None,
-    config: PrepareConfig | Config | None = None,
+    config: PrepareConfig | Config | Mapping[str, Any] | None = None,
     *,
     viewpoint: npt.ArrayLike | None = None,
     threads: int = 0,
@@ -266,26 +278,27 @@ def estimate_normals(
     Returns:
         (N, 3) float32; zero where the neighbourhood spans no plane, and where the point is not finite.
     """
-    cloud = core(points, "points")
-    if viewpoint is not None:
-        cloud = Cloud(points, viewpoint=viewpoint)._core
-        settings = config.prepare if isinstance(config, Config) else config or PrepareConfig()
-        config = replace(settings, orientation="auto")
     workers = whole(threads, "threads")
+    cloud = core(points, "points", workers)
     normals = _winze.estimate_normals(
-        cloud, section("prepare", config), _length(cloud, voxel, workers), workers
+        cloud,
+        section("prepare", config),
+        _voxel(cloud, voxel, workers),
+        None if viewpoint is None else place(viewpoint, "viewpoint"),
+        workers,
     )
-    if cloud.kept is None:
+    became = kept(points, cloud)
+    if became is None:
         return normals
     of_rows = np.zeros((cloud.rows, 3), dtype=np.float32)
-    of_rows[cloud.kept] = normals
+    of_rows[became] = normals
     return of_rows
 
 
 def prepare(
     points: PointsLike,
     voxel: float,
-    config: PrepareConfig | Config | None = None,
+    config: PrepareConfig | Config | Mapping[str, Any] | None = None,
     *,
     threads: int = 0,
 ) -> Surface:
@@ -296,16 +309,15 @@ def prepare(
         voxel: edge length, metres.
         config: the settings, by default those of :func:`locate`.
     """
-    surface = _winze.prepare(
-        core(points, "points"), section("prepare", config), _metres(voxel), whole(threads, "threads")
-    )
-    return Surface._of(surface)
+    workers = whole(threads, "threads")
+    cloud = core(points, "points", workers)
+    return Surface._of(_winze.prepare(cloud, section("prepare", config), length(voxel, "voxel"), workers))
 
 
 def iss_keypoints(
     points: PointsLike | Surface,
     voxel: float | None = None,
-    config: IssConfig | Config | None = None,
+    config: IssConfig | Config | Mapping[str, Any] | None = None,
     *,
     threads: int = 0,
 ) -> Keypoints:
@@ -318,13 +330,13 @@ def iss_keypoints(
     """
     workers = whole(threads, "threads")
     if isinstance(points, Surface):
-        size = points.voxel if voxel is None else _metres(voxel)
-        found = _winze.iss_keypoints(points._core, section("iss", config), size, workers)
-        return Keypoints(*found)
+        size = _size(points, voxel)
+        return Keypoints(*_winze.iss_keypoints(points._core, section("iss", config), size, workers))
     cloud = core(points, "points")
-    size = _length(cloud, voxel, workers)
-    rows, saliency, qualified = _winze.iss_keypoints(cloud, section("iss", config), size, workers)
-    return Keypoints(rows if cloud.kept is None else cloud.kept[rows], saliency, qualified)
+    size = _voxel(cloud, voxel, workers)
+    found, saliency, qualified = _winze.iss_keypoints(cloud, section("iss", config), size, workers)
+    became = kept(points, cloud)
+    return Keypoints(found if became is None else became[found], saliency, qualified)
 
 
 def fpfh(
@@ -332,7 +344,7 @@ def fpfh(
     normals: npt.ArrayLike | None = None,
     keypoints: npt.ArrayLike | Keypoints | None = None,
     voxel: float | None = None,
-    config: FpfhConfig | Config | None = None,
+    config: FpfhConfig | Config | Mapping[str, Any] | None = None,
     *,
     threads: int = 0,
 ) -> npt.NDArray[np.float32]:
@@ -350,61 +362,63 @@ def fpfh(
     """
     workers = whole(threads, "threads")
     chosen = keypoints.indices if isinstance(keypoints, Keypoints) else keypoints
-    rows = None if chosen is None else index(chosen, "keypoints")
+    wanted = None if chosen is None else index(chosen, "keypoints")
     given = None if normals is None else _normals(normals)
     if isinstance(points, Surface):
-        size = points.voxel if voxel is None else _metres(voxel)
-        return _winze.fpfh(points._core, given, rows, section("fpfh", config), size, workers)
+        size = _size(points, voxel)
+        return _winze.fpfh(points._core, given, wanted, section("fpfh", config), size, workers)
     cloud = core(points, "points")
-    size = _length(cloud, voxel, workers)
-    kept = cloud.kept
-    if kept is None:
-        return _winze.fpfh(cloud, given, rows, section("fpfh", config), size, workers)
+    size = _voxel(cloud, voxel, workers)
+    became = kept(points, cloud)
+    if became is None:
+        return _winze.fpfh(cloud, given, wanted, section("fpfh", config), size, workers)
     # Rows that are no points have no descriptor.
     if given is not None and len(given) == cloud.rows:
-        given = given[kept]
-    place = np.full(cloud.rows, -1, dtype=np.int64)
-    place[kept] = np.arange(len(kept))
-    wanted = np.arange(cloud.rows) if rows is None else rows
+        given = given[became]
+    at = np.full(cloud.rows, -1, dtype=np.int64)
+    at[became] = np.arange(len(became))
+    wanted = np.arange(cloud.rows) if wanted is None else wanted
     if wanted.size and (wanted.min() < 0 or wanted.max() >= cloud.rows):
         raise ValueError(f"keypoints: a row outside the {cloud.rows} of the points")
-    there = place[wanted] >= 0
+    there = at[wanted] >= 0
     of_rows = np.zeros((len(wanted), 33), dtype=np.float32)
-    of_rows[there] = _winze.fpfh(cloud, given, place[wanted][there], section("fpfh", config), size, workers)
+    of_rows[there] = _winze.fpfh(cloud, given, at[wanted][there], section("fpfh", config), size, workers)
     return of_rows
 
 
 def _normals(normals: Any) -> npt.NDArray[np.float32]:
-    array = np.asarray(normals)
+    array = plain(normals, "normals")
     if array.ndim != 2 or array.shape[1] != 3:
         raise ValueError(f"normals: shape {array.shape} where (N, 3) is expected")
-    return native(array, "normals").astype(np.float32, copy=False)
+    with np.errstate(over="ignore"):
+        return native(array, "normals").astype(np.float32, copy=False)
 
 
 def _descriptors(given: Any, what: str) -> npt.NDArray[np.float32]:
-    array = np.asarray(given)
+    array = plain(given, what)
     if array.ndim != 2:
         raise ValueError(f"{what}: shape {array.shape} where (N, 33) is expected")
-    return native(array, what).astype(np.float32, copy=False)
+    with np.errstate(over="ignore"):
+        return native(array, what).astype(np.float32, copy=False)
 
 
 def match_features(
-    query: npt.ArrayLike,
-    map: npt.ArrayLike,
-    config: MatchingConfig | Config | None = None,
+    map_descriptors: npt.ArrayLike,
+    query_descriptors: npt.ArrayLike,
+    config: MatchingConfig | Config | Mapping[str, Any] | None = None,
     *,
     threads: int = 0,
 ) -> Matches:
     """Nearest descriptors by Euclidean distance, exact. Descriptors that are all zero or not finite match nothing.
 
     Args:
-        query: (M, 33) descriptors.
-        map: (N, 33) descriptors.
+        map_descriptors: (N, 33).
+        query_descriptors: (M, 33).
         config: the settings; by default one nearest neighbour, mutual.
     """
     found = _winze.match_features(
-        _descriptors(query, "query"),
-        _descriptors(map, "map"),
+        _descriptors(query_descriptors, "query_descriptors"),
+        _descriptors(map_descriptors, "map_descriptors"),
         section("matching", config),
         whole(threads, "threads"),
     )
@@ -412,11 +426,11 @@ def match_features(
 
 
 def ransac(
-    query_points: PointsLike,
     map_points: PointsLike,
+    query_points: PointsLike,
     correspondences: npt.ArrayLike | Matches,
     voxel: float,
-    config: RansacConfig | Config | None = None,
+    config: RansacConfig | Config | Mapping[str, Any] | None = None,
     *,
     seed: int = 0,
     threads: int = 0,
@@ -425,27 +439,28 @@ def ransac(
     poses.
 
     Args:
-        query_points: (M, 3), the query's keypoints, metres.
-        map_points: (N, 3), the map's keypoints.
+        map_points: (N, 3), the map's keypoints, metres.
+        query_points: (M, 3), the query's keypoints.
         correspondences: (K, 2) pairs of rows, query then map, or :class:`Matches`.
         voxel: what the distances of the settings are multiples of, metres.
         config: the settings.
         seed: of every random choice.
     """
     pairs = correspondences.pairs if isinstance(correspondences, Matches) else correspondences
-    clouds = {}
+    workers = whole(threads, "threads")
+    clouds = []
     for what, points in (("query_points", query_points), ("map_points", map_points)):
-        clouds[what] = core(points, what)
-        if clouds[what].kept is not None:
+        clouds.append(core(points, what, workers))
+        if kept(points, clouds[-1]) is not None:
             raise ValueError(f"{what}: some are not finite, and keypoints are counted by their rows")
     found, samples = _winze.ransac(
-        clouds["query_points"],
-        clouds["map_points"],
+        clouds[0],
+        clouds[1],
         index(pairs, "correspondences", 2),
         section("ransac", config),
-        _metres(voxel),
-        whole(seed, "seed"),
-        whole(threads, "threads"),
+        length(voxel, "voxel"),
+        whole(seed, "seed", 2**64 - 1),
+        workers,
     )
     return Estimate([SampledPose(*row) for row in found], samples)
 
@@ -454,20 +469,23 @@ def _pair(
     map_points: PointsLike | Surface,
     query_points: PointsLike | Surface,
     voxel: float | None,
+    config: Any,
     threads: int,
 ) -> tuple[_winze.Surface, _winze.Surface]:
     """Both as surfaces of one voxel size."""
-    if isinstance(map_points, Surface) and isinstance(query_points, Surface):
-        return map_points._core, query_points._core
-    if voxel is None:
-        prepared = [p for p in (map_points, query_points) if isinstance(p, Surface)]
-        size = prepared[0].voxel if prepared else choose_voxel(map_points, query_points, threads=threads)
+    both = (map_points, query_points)
+    sizes = [p.voxel for p in both if isinstance(p, Surface)]
+    if voxel is not None:
+        sizes.append(length(voxel, "voxel"))
+    if len(set(sizes)) > 1:
+        raise ValueError(f"voxel: {' and '.join(f'{s:g} m' for s in sizes)}; one size must do, prepare both at it")
+    if sizes:
+        size = sizes[0]
     else:
-        size = _metres(voxel)
-    both = [
-        p if isinstance(p, Surface) else prepare(p, size, threads=threads) for p in (map_points, query_points)
-    ]
-    return both[0]._core, both[1]._core
+        size = choose_voxel(map_points, query_points, threads=threads)
+    settings = config if isinstance(config, Config) else None
+    a, b = (p if isinstance(p, Surface) else prepare(p, size, settings, threads=threads) for p in both)
+    return a._core, b._core
 
 
 def ndt(
@@ -475,7 +493,7 @@ def ndt(
     query_points: PointsLike | Surface,
     initial: npt.ArrayLike | None = None,
     voxel: float | None = None,
-    config: NdtConfig | Config | None = None,
+    config: NdtConfig | Config | Mapping[str, Any] | None = None,
     *,
     threads: int = 0,
 ) -> Refined:
@@ -486,11 +504,11 @@ def ndt(
         query_points: (M, 3), or a Surface.
         initial: (4, 4) ``map_from_query`` to start at; the identity by default.
         voxel: voxel size to prepare points at, metres; chosen from the data by default.
-        config: the settings.
+        config: the settings; with a whole :class:`Config`, points are prepared by it too.
     """
     workers = whole(threads, "threads")
     start = matrix(np.eye(4) if initial is None else initial, "initial")
-    a, b = _pair(map_points, query_points, voxel, workers)
+    a, b = _pair(map_points, query_points, voxel, config, workers)
     return _refined(_winze.ndt(a, b, start, section("ndt", config), workers))
 
 
@@ -499,7 +517,7 @@ def icp(
     query_points: PointsLike | Surface,
     initial: npt.ArrayLike | None = None,
     voxel: float | None = None,
-    config: IcpConfig | Config | None = None,
+    config: IcpConfig | Config | Mapping[str, Any] | None = None,
     *,
     threads: int = 0,
 ) -> Refined:
@@ -511,11 +529,11 @@ def icp(
         query_points: (M, 3), or a Surface.
         initial: (4, 4) ``map_from_query`` to start at; the identity by default.
         voxel: voxel size to prepare points at, metres; chosen from the data by default.
-        config: the settings.
+        config: the settings; with a whole :class:`Config`, points are prepared by it too.
     """
     workers = whole(threads, "threads")
     start = matrix(np.eye(4) if initial is None else initial, "initial")
-    a, b = _pair(map_points, query_points, voxel, workers)
+    a, b = _pair(map_points, query_points, voxel, config, workers)
     return _refined(_winze.icp(a, b, start, section("icp", config), workers))
 
 
@@ -541,10 +559,11 @@ def inliers(
         map_from_query: (4, 4).
         distance: metres.
     """
+    workers = whole(threads, "threads")
     return _winze.inliers(
-        core(map_points, "map_points"),
-        core(query_points, "query_points"),
+        core(map_points, "map_points", workers),
+        core(query_points, "query_points", workers),
         matrix(map_from_query, "map_from_query"),
-        float(distance),
-        whole(threads, "threads"),
+        length(distance, "distance"),
+        workers,
     )
