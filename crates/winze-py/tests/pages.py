@@ -45,10 +45,10 @@ class Page:
         found = BLOCK.finditer(self.text)
         return [Code(self.text.count("\n", 0, m.start()) + 2, m[1], m[2]) for m in found]
 
-    def tables(self) -> Iterator[tuple[list[str], list[list[Code]]]]:
+    def tables(self) -> Iterator[tuple[list[str], list[list[list[Code]]]]]:
         """Tables: the heads, and the code of each cell of each row."""
         heads: list[str] = []
-        rows: list[list[Code]] = []
+        rows: list[list[list[Code]]] = []
         for number, line in enumerate([*self.text.splitlines(), ""], 1):
             if line.startswith("|---"):
                 continue
@@ -60,7 +60,7 @@ class Page:
                 heads = [cell.strip() for cell in line.strip("|").split("|")]
             else:
                 cells = line.strip("|").split("|")
-                rows.append([[Code(number, code) for code in re.findall(r"`([^`]+)`", c)] for c in cells])  # type: ignore[misc]
+                rows.append([[Code(number, code) for code in re.findall(r"`([^`]+)`", c)] for c in cells])
 
     def run(self, code: Code) -> str:
         """Runs some lines, and answers what they print; an error tells the page's line."""
