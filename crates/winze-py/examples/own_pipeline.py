@@ -22,12 +22,12 @@ def main(map_path: str, query_path: str) -> None:
     keys_a, keys_b = winze.iss_keypoints(a), winze.iss_keypoints(b)
     # As an example of a choice: matches that another keypoint rivals are left out.
     matches = winze.match_features(
-        winze.fpfh(b, keypoints=keys_b),
         winze.fpfh(a, keypoints=keys_a),
+        winze.fpfh(b, keypoints=keys_b),
         winze.MatchingConfig(ratio=0.97),
     )
     print(f"{len(keys_a.indices)} and {len(keys_b.indices)} keypoints, {len(matches.pairs)} correspondences")
-    estimate = winze.ransac(b.points[keys_b.indices], a.points[keys_a.indices], matches, voxel)
+    estimate = winze.ransac(a.points[keys_a.indices], b.points[keys_b.indices], matches, voxel)
 
     # ICP ends on the nearest pairs alone, here on those within a voxel.
     fine = winze.IcpConfig(metric="point-to-plane", final_distance="1 voxels")

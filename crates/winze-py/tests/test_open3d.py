@@ -145,7 +145,7 @@ def test_descriptors_and_matches(points, demo):
         features.append(feature)
         described.append(theirs)
     theirs = np.asarray(registration.correspondences_from_features(*features, True, 0.0))
-    ours = winze.match_features(*described).pairs
+    ours = winze.match_features(described[1], described[0]).pairs
     assert len(ours) > 50
     assert len(set(map(tuple, ours)) ^ set(map(tuple, theirs))) <= 0.01 * len(ours)
 
