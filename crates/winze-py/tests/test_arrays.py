@@ -92,7 +92,7 @@ def test_other_numbers_are_taken_at_their_value(dtype):
         (np.zeros((100, 2)), ValueError, r"\(100, 2\)"),
         (np.zeros((100, 4)), ValueError, "fourth"),
         (np.zeros((100, 6)), ValueError, r"\(100, 6\)"),
-        ([[0.0, 1.0, 2.0], [3.0]], ValueError, "three numbers"),
+        ([[0.0, 1.0, 2.0], [3.0]], ValueError, "rows of numbers"),
         (np.zeros(4, [("x", "f4"), ("y", "f4")]), ValueError, "without z"),
         (np.ma.masked_array(np.zeros((4, 3)), np.eye(4, 3)), ValueError, "mask"),
         ([[1e9, 0, 0], [0, 0, 0]], ValueError, "wide"),

@@ -91,6 +91,8 @@ def plain(values: Any, what: str) -> npt.NDArray[Any]:
     except Exception as e:
         kind = TypeError if isinstance(e, TypeError) else ValueError
         raise kind(f"{what}: rows of numbers are expected ({e})") from None
+    if isinstance(values, np.ndarray) and array.dtype.kind == "O":
+        raise TypeError(f"{what}: objects where real numbers are expected; give points.astype(float)")
     if array.dtype.kind == "O" or array.ndim == 0:
         raise TypeError(
             f"{what}: {type(values).__name__} is no array of numbers; points are (N, 3) numbers, a winze.Cloud, "
