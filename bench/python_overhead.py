@@ -12,9 +12,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import platform
 import statistics
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -24,7 +26,7 @@ import numpy as np
 
 import winze
 
-VOXEL, COARSE = 0.1, 0.3
+VOXEL, COARSE = 0.05, 0.3
 
 
 def mine(count: int, seed: int) -> np.ndarray:
@@ -75,8 +77,8 @@ def python_calls(points: np.ndarray, query: np.ndarray, threads: int, from_cloud
         keypoints = winze.iss_keypoints(s, **t)
         at.append(s.points[keypoints.indices])
         descriptors.append(winze.fpfh(s, keypoints=keypoints, **t))
-    matches = timed("match_features", lambda: winze.match_features(descriptors[1], descriptors[0], **t))
-    timed("ransac", lambda: winze.ransac(at[1], at[0], matches, COARSE, **t))
+    matches = timed("match_features", lambda: winze.match_features(*descriptors, **t))
+    timed("ransac", lambda: winze.ransac(*at, matches, COARSE, **t))
     start = np.eye(4)
     start[:3, 3] = [0.1, -0.1, 0.05]
     timed("ndt", lambda: winze.ndt(surface, query_surface, start, **t))
@@ -92,30 +94,35 @@ def rust_calls(binary: str, folder: Path, threads: int) -> dict[str, float]:
     return {name: float(s) for name, s in (line.split("\t") for line in lines)}
 
 
-def rise(work) -> float:
-    """By how many megabytes the process grows at most while it works."""
+FORMS = {
+    "C float64": lambda p: p,
+    "Fortran float64": np.asfortranarray,
+    "strided float64": lambda p: np.repeat(p, 2, axis=1)[:, ::2],
+    "C float32": lambda p: p.astype(np.float32),
+    "big-endian float64": lambda p: p.astype(">f8"),
+}
+
+
+def rise(form: str) -> float:
+    """By how many megabytes this process grows at most while an array becomes a cloud."""
+    array = FORMS[form](mine(1_000_000, 1))
+    winze.Cloud(array[:1000])
     Path("/proc/self/clear_refs").write_text("5")
     status = lambda key: int(Path("/proc/self/status").read_text().split(key)[1].split()[0]) / 1024  # noqa: E731
     before = status("VmRSS:")
-    kept = work()
+    cloud = winze.Cloud(array)
     most = status("VmHWM:") - before
-    del kept
+    del cloud
     return most
 
 
-def memory(points: np.ndarray) -> dict[str, float]:
-    """Megabytes that each form of array takes on its way into a cloud."""
-    wide = np.zeros((len(points), 6))
-    wide[:, ::2] = points
-    forms = {
-        "C float64": points,
-        "Fortran float64": np.asfortranarray(points),
-        "strided float64": wide[:, ::2],
-        "C float32": points.astype(np.float32),
-        "big-endian float64": points.astype(">f8"),
-    }
-    winze.Cloud(points)
-    return {name: statistics.median(rise(lambda a=a: winze.Cloud(a)) for _ in range(5)) for name, a in forms.items()}
+def memory() -> dict[str, float]:
+    """The same for each form, each in a process whose memory comes fresh from the system."""
+    fresh = {**os.environ, "MALLOC_MMAP_THRESHOLD_": "65536"}
+    ask = lambda form: subprocess.run(  # noqa: E731
+        [sys.executable, __file__, "--rise", form], env=fresh, check=True, capture_output=True, text=True
+    )
+    return {form: float(ask(form).stdout) for form in FORMS}
 
 
 def two_at_once(points: np.ndarray, query: np.ndarray, rounds: int) -> dict[str, list[float]]:
@@ -143,7 +150,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("binary")
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--rounds", type=int, default=5)
+    if sys.argv[1:2] == ["--rise"]:
+        print(rise(sys.argv[2]))
+        return
     args = parser.parse_args()
     points, query = mine(1_000_000, 1), mine(1_000_000, 2)
     query = query[(query[:, 0] > 25) & (query[:, 0] < 75) & (np.abs(query[:, 1]) < 25)]
@@ -171,7 +181,7 @@ def main() -> None:
                 m = {k: statistics.median(r[call] for r in v) for k, v in runs.items()}
                 share = [f"{100 * (m[k] / m['rust'] - 1):+.1f} %" for k in ("python", "python from a Cloud")]
                 print(f"| `{call}` | {m['rust']:.4f} | {m['python']:.4f} | {share[0]} | {share[1]} |")
-    result["megabytes"] = memory(points)
+    result["megabytes"] = memory()
     print("\n| a million points | MB into a Cloud |\n|---|---|")
     for form, most in result["megabytes"].items():
         print(f"| {form} | {most:.1f} |")

@@ -18,7 +18,7 @@ use winze::{fpfh, icp, iss, locate, matching, metrics, ndt, prepare, ransac, vox
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error + Send + Sync>>;
 
 /// The voxel size that lengths count in, metres: about the spacing of the points.
-const VOXEL: f64 = 0.1;
+const VOXEL: f64 = 0.05;
 /// The voxel size of what is registered.
 const COARSE: f64 = 0.3;
 

@@ -29,8 +29,8 @@ def test_the_demo_is_located(demo, demo_outcome):
     assert demo_outcome.pose.shape == (4, 4) and demo_outcome.pose.dtype == np.float64
     distance, angle = pose_error(demo_outcome.pose, truth, query.points.mean(0))
     assert distance < 0.05 and angle < 0.3
-    assert demo_outcome.error[0] == pytest.approx(distance, abs=1e-6)
-    assert np.degrees(demo_outcome.error[1]) == pytest.approx(angle, abs=1e-6)
+    assert demo_outcome.error.translation == pytest.approx(distance, abs=1e-6)
+    assert np.degrees(demo_outcome.error.rotation) == pytest.approx(angle, abs=1e-6)
 
 
 def test_what_an_outcome_tells(demo, demo_outcome):

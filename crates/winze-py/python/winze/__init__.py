@@ -40,7 +40,7 @@ from ._config import (
     VerifyConfig,
 )
 from ._locate import METHODS, Map, locate
-from ._outcome import Hypothesis, Outcome, Patches, Stage, Unobservable, Verdict
+from ._outcome import Hypothesis, Outcome, Patches, PoseError, Stage, Unobservable, Verdict
 from ._progress import Progress
 from ._settings import config_text, read_config
 from ._stages import (
@@ -88,6 +88,7 @@ __all__ = [
     "Outcome",
     "Patches",
     "PointsLike",
+    "PoseError",
     "PrepareConfig",
     "Progress",
     "RansacConfig",

@@ -7,7 +7,7 @@ import json
 import os
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -97,6 +97,15 @@ class Unobservable:
     """(3,), unit, in the map's frame."""
     information: float
     """A pair's share of the information there."""
+
+
+class PoseError(NamedTuple):
+    """How far a pose is from the truth."""
+
+    translation: float
+    """Displacement of the query's centroid, metres."""
+    rotation: float
+    """Angle, radians."""
 
 
 class Outcome:
@@ -204,10 +213,10 @@ class Outcome:
         return value
 
     @property
-    def error(self) -> tuple[float, float] | None:
-        """Displacement of the query's centroid, metres, and rotation, radians, from the ``truth`` that was given."""
+    def error(self) -> PoseError | None:
+        """How far the pose is from the ``truth`` that was given; None without one or without a pose."""
         row = self._values["error"]
-        return None if row is None else (row["translation_m"], float(np.radians(row["rotation_deg"])))
+        return None if row is None else PoseError(row["translation_m"], float(np.radians(row["rotation_deg"])))
 
     @property
     def stages(self) -> list[Stage]:

@@ -504,7 +504,8 @@ def ndt(
         query_points: (M, 3), or a Surface.
         initial: (4, 4) ``map_from_query`` to start at; the identity by default.
         voxel: voxel size to prepare points at, metres; chosen from the data by default.
-        config: the settings; with a whole :class:`Config`, points are prepared by it too.
+        config: the settings; with a whole :class:`Config`, points are prepared by it too. ``keep_better`` is for :func:`locate`: here the answer is
+            where it ends.
     """
     workers = whole(threads, "threads")
     start = matrix(np.eye(4) if initial is None else initial, "initial")
@@ -529,7 +530,8 @@ def icp(
         query_points: (M, 3), or a Surface.
         initial: (4, 4) ``map_from_query`` to start at; the identity by default.
         voxel: voxel size to prepare points at, metres; chosen from the data by default.
-        config: the settings; with a whole :class:`Config`, points are prepared by it too.
+        config: the settings; with a whole :class:`Config`, points are prepared by it too. ``keep_better`` is for :func:`locate`: here the answer is
+            where it ends.
     """
     workers = whole(threads, "threads")
     start = matrix(np.eye(4) if initial is None else initial, "initial")
