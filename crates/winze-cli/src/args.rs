@@ -350,7 +350,7 @@ pub(crate) struct Convert {
     /// The cloud to write: .pcd, .ply, .xyz, .txt, .csv.
     pub(crate) output: PathBuf,
     /// ascii, binary or compressed; the format's usual one where it is not given.
-    #[arg(long, value_name = "NAME", value_parser = encoding)]
+    #[arg(long, value_name = "NAME")]
     pub(crate) encoding: Option<Encoding>,
 }
 
@@ -385,10 +385,6 @@ fn near(text: &str) -> Result<Near, String> {
         }),
         _ => Err("give four numbers up to 1e9, such as 120,-35,4,25, the last above 0".into()),
     }
-}
-
-fn encoding(text: &str) -> Result<Encoding, String> {
-    text.parse()
 }
 
 #[cfg(test)]

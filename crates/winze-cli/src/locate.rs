@@ -146,9 +146,7 @@ pub(crate) fn run(args: &Locate, global: &Global) -> anyhow::Result<ExitCode> {
 
 /// Stages that a run by `method` has at one voxel size, with reading.
 pub(crate) fn steps(method: winze::Method) -> u64 {
-    let searched = if method.uses_features() { 5 } else { 0 };
-    let rivals = u64::from(method.uses_features() && method != winze::Method::Auto);
-    10 + searched + rivals + 2 * u64::from(method.uses_ndt()) + u64::from(method.uses_icp())
+    2 + method.stages()
 }
 
 /// Refuses at once what could not be written in the end.

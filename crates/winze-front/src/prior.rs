@@ -138,12 +138,7 @@ impl Prior {
 pub fn drawn(map: &Map) -> anyhow::Result<Cloud> {
     let surface = map.surface(0)?;
     let step = surface.points.len().div_ceil(DRAWN).max(1);
-    let points: Vec<[f64; 3]> = surface
-        .points
-        .iter()
-        .step_by(step)
-        .map(|p| std::array::from_fn(|a| surface.origin[a] + f64::from(p[a])))
-        .collect();
+    let points: Vec<[f64; 3]> = surface.iter().step_by(step).collect();
     Ok(Cloud::from_points(&points)?.0)
 }
 

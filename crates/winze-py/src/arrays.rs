@@ -77,10 +77,7 @@ fn gather<T: Copy + Sync>(
     .map_err(raise)?;
     let kept = (cloud.len() < count).then(|| {
         let origin = cloud.origin();
-        let stays = |i: &u32| {
-            let p = point(*i as usize);
-            p.iter().all(|v| v.is_finite()) && offset(p, origin).is_some()
-        };
+        let stays = |i: &u32| offset(point(*i as usize), origin).is_some();
         (0u32..).take(count).filter(stays).collect()
     });
     Ok(Gathered {

@@ -27,7 +27,7 @@ mod _winze {
     #[pymodule_export]
     use super::located::{Drawing, locate};
     #[pymodule_export]
-    use super::map::{Map, build};
+    use super::map::{Map, build, is_built};
     #[pymodule_export]
     use super::schema::config_schema;
     #[pymodule_export]

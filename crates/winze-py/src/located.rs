@@ -166,7 +166,7 @@ pub(crate) fn locate(
     let (map, query) = (map.asked(), query.cloud.clone());
     let config = crate::settings::seeded(set, map.built(), seed)?;
     let digest = settings::digest(&config).map_err(raise)?;
-    let steps = steps(method);
+    let steps = method.stages();
     let (outcome, asked) = work::run(py, threads, progress.as_ref(), |told| {
         let over = AtomicU64::new(0);
         let say = |name: &str, stage: Option<&Stage>| {
@@ -213,10 +213,4 @@ pub(crate) fn locate(
         command,
     };
     Ok((text, drawing))
-}
-
-/// Stages that a run has at one voxel size, about.
-fn steps(method: Method) -> u64 {
-    let features = u64::from(method.uses_features());
-    10 + 5 * features + 2 * u64::from(method.uses_ndt()) + u64::from(method.uses_icp())
 }

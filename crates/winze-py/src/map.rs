@@ -209,3 +209,9 @@ pub(crate) fn build(
             })
     })
 }
+
+/// Whether a file is, or says that it is, a built map.
+#[pyfunction]
+pub(crate) fn is_built(path: PathBuf) -> bool {
+    winze_front::prior::is_built(&path)
+}

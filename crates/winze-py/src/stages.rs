@@ -13,13 +13,15 @@ use winze::iss;
 use winze::kdtree::KdTree;
 use winze::matching::{Correspondence, match_descriptors};
 use winze::refine::Refined;
-use winze::{icp as icp_stage, ndt as ndt_stage, prepare as prepare_stage};
+use winze::{Config, Pose, icp as icp_stage, ndt as ndt_stage, prepare as prepare_stage};
 
 use crate::arrays::{self, index_array};
 use crate::cloud::Cloud;
 use crate::settings::config;
 use crate::surface::Surface;
 use crate::work;
+
+type Prepared = prepare_stage::Surface<'static>;
 
 /// Points with a tree, or such as need one yet.
 #[derive(FromPyObject)]
@@ -31,7 +33,7 @@ pub(crate) enum Points<'py> {
 /// The same, without Python.
 enum Looked {
     Cloud(Arc<winze::Cloud>),
-    Surface(Arc<prepare_stage::Surface<'static>>),
+    Surface(Arc<Prepared>),
 }
 
 impl Points<'_> {
@@ -101,7 +103,7 @@ pub(crate) fn voxel_downsample(
     voxel: f64,
     threads: usize,
 ) -> PyResult<Cloud> {
-    positive(voxel)?;
+    positive(voxel, "voxel")?;
     let (own, single) = (cloud.cloud.clone(), cloud.single());
     let thinned = work::run(py, threads, None, |_| {
         Ok(winze::voxel::downsample(&own, voxel))
@@ -109,12 +111,12 @@ pub(crate) fn voxel_downsample(
     Ok(Cloud::made(thinned, single))
 }
 
-fn positive(voxel: f64) -> PyResult<()> {
-    if voxel > 0.0 && voxel.is_finite() {
+fn positive(length: f64, what: &str) -> PyResult<()> {
+    if length > 0.0 && length.is_finite() {
         return Ok(());
     }
     Err(PyValueError::new_err(format!(
-        "voxel: {voxel} is no length above 0; give metres"
+        "{what}: {length} is no length above 0; give metres"
     )))
 }
 
@@ -128,7 +130,7 @@ pub(crate) fn remove_outliers<'py>(
     voxel: f64,
     threads: usize,
 ) -> PyResult<Bound<'py, PyArray1<i64>>> {
-    positive(voxel)?;
+    positive(voxel, "voxel")?;
     let (cloud, config) = (cloud.cloud.clone(), config(set, None)?);
     let kept = work::run(py, threads, None, |_| {
         Ok(prepare_stage::confirmed(&cloud, &config.prepare, voxel))
@@ -147,7 +149,7 @@ pub(crate) fn estimate_normals<'py>(
     viewpoint: Option<[f64; 3]>,
     threads: usize,
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-    positive(voxel)?;
+    positive(voxel, "voxel")?;
     let (cloud, mut config) = (cloud.cloud.clone(), config(set, None)?);
     if viewpoint.is_some() {
         config.prepare.orientation = Orientation::Auto;
@@ -173,7 +175,7 @@ pub(crate) fn prepare(
     voxel: f64,
     threads: usize,
 ) -> PyResult<Surface> {
-    positive(voxel)?;
+    positive(voxel, "voxel")?;
     let (cloud, config) = (cloud.cloud.clone(), config(set, None)?);
     let surface = work::run(py, threads, None, |_| {
         Ok(prepare_stage::prepare(&cloud, &config.prepare, voxel))
@@ -196,7 +198,7 @@ pub(crate) fn iss_keypoints<'py>(
     voxel: f64,
     threads: usize,
 ) -> PyResult<FoundKeypoints<'py>> {
-    positive(voxel)?;
+    positive(voxel, "voxel")?;
     let (looked, config) = (points.looked(), config(set, None)?);
     let found = work::run(py, threads, None, |_| {
         Ok(iss::keypoints(
@@ -225,7 +227,7 @@ pub(crate) fn fpfh<'py>(
     voxel: f64,
     threads: usize,
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-    positive(voxel)?;
+    positive(voxel, "voxel")?;
     let (looked, config) = (points.looked(), config(set, None)?);
     let count = looked.points().len();
     let normals: Cow<'_, [[f32; 3]]> = match (&normals, &looked) {
@@ -324,7 +326,7 @@ pub(crate) fn ransac<'py>(
     seed: u64,
     threads: usize,
 ) -> PyResult<(Vec<Supported<'py>>, u64)> {
-    positive(voxel)?;
+    positive(voxel, "voxel")?;
     let config = config(set, None)?;
     let pairs = pairs.as_array();
     if pairs.ncols() != 2 {
@@ -396,6 +398,21 @@ fn aligned<'py>(py: Python<'py>, refined: &Refined) -> PyResult<Aligned<'py>> {
     ))
 }
 
+/// Refinement of a start pose on two surfaces.
+fn refine<'py>(
+    py: Python<'py>,
+    (map, query): (&Surface, &Surface),
+    start: &[[f64; 4]; 4],
+    set: &str,
+    threads: usize,
+    by: impl FnOnce(&Prepared, &Prepared, &Pose, &Config) -> Refined + Send,
+) -> PyResult<Aligned<'py>> {
+    let (start, config) = (arrays::pose(start, "initial")?, config(set, None)?);
+    let (map, query) = (map.surface.clone(), query.surface.clone());
+    let refined = work::run(py, threads, None, |_| Ok(by(&map, &query, &start, &config)))?;
+    aligned(py, &refined)
+}
+
 /// Refinement by NDT.
 #[pyfunction]
 #[pyo3(signature = (map, query, start, set, threads))]
@@ -407,13 +424,17 @@ pub(crate) fn ndt<'py>(
     set: &str,
     threads: usize,
 ) -> PyResult<Aligned<'py>> {
-    let (start, config) = (arrays::pose(&start, "initial")?, config(set, None)?);
-    let (map, query) = (map.surface.clone(), query.surface.clone());
-    let refined = work::run(py, threads, None, |_| {
-        let levels = ndt_stage::levels(&map, &config.ndt);
-        Ok(ndt_stage::align(&levels, &map, &query, &start, &config.ndt))
-    })?;
-    aligned(py, &refined)
+    refine(
+        py,
+        (map, query),
+        &start,
+        set,
+        threads,
+        |map, query, start, config| {
+            let levels = ndt_stage::levels(map, &config.ndt);
+            ndt_stage::align(&levels, map, query, start, &config.ndt)
+        },
+    )
 }
 
 /// Refinement by ICP.
@@ -427,12 +448,14 @@ pub(crate) fn icp<'py>(
     set: &str,
     threads: usize,
 ) -> PyResult<Aligned<'py>> {
-    let (start, config) = (arrays::pose(&start, "initial")?, config(set, None)?);
-    let (map, query) = (map.surface.clone(), query.surface.clone());
-    let refined = work::run(py, threads, None, |_| {
-        Ok(icp_stage::align(&map, &query, &start, &config.icp))
-    })?;
-    aligned(py, &refined)
+    refine(
+        py,
+        (map, query),
+        &start,
+        set,
+        threads,
+        |map, query, start, config| icp_stage::align(map, query, start, &config.icp),
+    )
 }
 
 /// The paper's inlier share and RMSE at a pose.
@@ -447,11 +470,7 @@ pub(crate) fn inliers(
     threads: usize,
 ) -> PyResult<(f64, Option<f64>)> {
     let pose = arrays::pose(&pose, "pose")?;
-    if !(distance > 0.0 && distance.is_finite()) {
-        return Err(PyValueError::new_err(format!(
-            "distance: {distance} is no length above 0; give metres"
-        )));
-    }
+    positive(distance, "distance")?;
     let (map, query) = (map.cloud.clone(), query.cloud.clone());
     let found = work::run(py, threads, None, |_| {
         let tree = KdTree::build(map.points());

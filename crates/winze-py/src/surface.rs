@@ -24,17 +24,9 @@ impl Surface {
         self.surface.voxel
     }
 
-    #[getter]
-    fn origin(&self) -> [f64; 3] {
-        self.surface.origin
-    }
-
     /// Points in the cloud's frame.
     fn points<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let origin = self.surface.origin;
-        let of =
-            |p: &[f32; 3]| -> [f64; 3] { std::array::from_fn(|a| origin[a] + f64::from(p[a])) };
-        arrays::rows(py, self.surface.points.iter().map(of).collect())
+        arrays::rows(py, self.surface.iter().collect())
     }
 
     fn normals<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f32>>> {

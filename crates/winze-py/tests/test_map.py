@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import multiprocessing
 import pickle
+import shutil
 import sys
 
 import numpy as np
@@ -25,6 +26,8 @@ def test_it_answers_as_the_cloud_does(demo, demo_outcome, built):
     assert "finest level" in outcome.to_dict()["inlier_reference"]
     assert winze.locate(built, demo[1]).pose.tobytes() == outcome.pose.tobytes()
     assert winze.locate(built.path, demo[1]).pose.tobytes() == outcome.pose.tobytes()
+    renamed = shutil.copy(built.path, built.path + ".of-today")
+    assert winze.locate(renamed, demo[1]).pose.tobytes() == outcome.pose.tobytes(), "known by its content"
     assert outcome.to_png().startswith(b"\x89PNG") and "<html" in outcome.to_html()
 
 

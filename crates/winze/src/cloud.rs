@@ -306,12 +306,12 @@ fn robust_origin(count: usize, point: &impl Fn(usize) -> [f64; 3]) -> [f64; 3] {
     origin_of(&sample)
 }
 
-/// A finite point as offset from a cloud's origin; `None` where it lies beyond [`MAX_OFFSET`].
+/// A point as offset from a cloud's origin; `None` where it is not finite or lies beyond [`MAX_OFFSET`].
 #[must_use]
 #[inline]
 pub fn offset(point: [f64; 3], origin: [f64; 3]) -> Option<[f32; 3]> {
     let offset: [f64; 3] = std::array::from_fn(|a| point[a] - origin[a]);
-    if offset.iter().any(|v| v.abs() > MAX_OFFSET) {
+    if !offset.iter().all(|v| v.abs() <= MAX_OFFSET) {
         return None;
     }
     #[expect(
@@ -436,6 +436,14 @@ mod tests {
         assert_eq!(again.unwrap(), cloud);
         for broken in [f32::NAN, f32::INFINITY, 2e4] {
             assert!(Cloud::with_origin([0.0; 3], vec![[0.0, broken, 0.0]]).is_err());
+        }
+    }
+
+    #[test]
+    fn only_finite_points_in_reach_have_an_offset() {
+        assert_eq!(offset([5.0, 6.0, 7.0], [4.0; 3]), Some([1.0, 2.0, 3.0]));
+        for broken in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 2e4] {
+            assert_eq!(offset([0.0, broken, 0.0], [0.0; 3]), None);
         }
     }
 

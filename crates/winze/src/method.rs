@@ -66,6 +66,14 @@ impl Method {
     pub fn uses_icp(self) -> bool {
         !matches!(self, Self::Fpfh | Self::FpfhNdt)
     }
+
+    /// About how many stages a run has at one voxel size, for whoever shows how far it is.
+    #[must_use]
+    pub fn stages(self) -> u64 {
+        let searched = if self.uses_features() { 5 } else { 0 };
+        let rivals = u64::from(self.uses_features() && self != Self::Auto);
+        8 + searched + rivals + 2 * u64::from(self.uses_ndt()) + u64::from(self.uses_icp())
+    }
 }
 
 impl std::fmt::Display for Method {

@@ -34,6 +34,12 @@ pub struct Surface<'a> {
 }
 
 impl Surface<'_> {
+    /// All points in the cloud's frame, `f64`.
+    pub fn iter(&self) -> impl ExactSizeIterator<Item = [f64; 3]> + '_ {
+        let of = |p: &[f32; 3]| std::array::from_fn(|a| self.origin[a] + f64::from(p[a]));
+        self.points.iter().map(of)
+    }
+
     /// The mean point in the cloud's frame, `None` where there are no points.
     #[must_use]
     pub fn centroid(&self) -> Option<[f64; 3]> {

@@ -144,16 +144,13 @@ def place(values: Any, what: str) -> list[float]:
 
 
 def length(value: Any, what: str) -> float:
-    """A length above 0, metres."""
+    """A length, metres; whether it is above 0 is asked where it is used."""
     if isinstance(value, (bool, str, bytes)) or not hasattr(value, "__float__") or np.ndim(value) != 0:
         raise TypeError(f"{what}: {value!r} is no length in metres")
     try:
-        metres = float(value)
+        return float(value)
     except OverflowError:
-        metres = np.inf
-    if not 0.0 < metres < np.inf:
-        raise ValueError(f"{what}: {value} is no length above 0; give metres")
-    return metres
+        return np.inf
 
 
 def matrix(pose: Any, what: str) -> list[list[float]]:

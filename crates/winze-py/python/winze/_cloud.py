@@ -186,7 +186,8 @@ def core(points: PointsLike, what: str, threads: int = 0) -> _winze.Cloud:
         for text in told:
             warnings.warn(f"{os.fspath(points)}: {text}", stacklevel=4)
         return found
-    if hasattr(points, "_is_winze_map"):
+    # It has points to look at, and is no cloud.
+    if isinstance(getattr(points, "_core", None), _winze.Map):
         raise TypeError(f"{what}: a winze.Map where points are expected; a map goes first, or is asked: map.locate(points)")
     return _winze.Cloud(rows(points, what), False, intensity_of(points), None)
 

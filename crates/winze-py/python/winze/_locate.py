@@ -105,7 +105,7 @@ def _command(prior: _winze.Cloud | _winze.Map, query: _winze.Cloud, method: str)
 def _prior(points: PointsLike | Map, threads: int) -> _winze.Cloud | _winze.Map:
     if isinstance(points, Map):
         return points._core
-    if isinstance(points, (str, os.PathLike)) and os.fspath(points).lower().endswith(".wmap"):
+    if isinstance(points, (str, os.PathLike)) and _winze.is_built(os.fspath(points)):
         return _winze.Map.open(os.fspath(points), False)
     return core(points, "map_points", threads)
 
@@ -133,9 +133,6 @@ class Map:
     """
 
     __slots__ = ("__weakref__", "_core", "_folder")
-
-    #: No cloud, although it has points.
-    _is_winze_map = True
 
     _core: _winze.Map
     _folder: _Folder | None

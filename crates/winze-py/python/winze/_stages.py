@@ -507,10 +507,7 @@ def ndt(
         config: the settings; with a whole :class:`Config`, points are prepared by it too. ``keep_better`` is for :func:`locate`: here the answer is
             where it ends.
     """
-    workers = whole(threads, "threads")
-    start = matrix(np.eye(4) if initial is None else initial, "initial")
-    a, b = _pair(map_points, query_points, voxel, config, workers)
-    return _refined(_winze.ndt(a, b, start, section("ndt", config), workers))
+    return _refine("ndt", map_points, query_points, initial, voxel, config, threads)
 
 
 def icp(
@@ -533,14 +530,23 @@ def icp(
         config: the settings; with a whole :class:`Config`, points are prepared by it too. ``keep_better`` is for :func:`locate`: here the answer is
             where it ends.
     """
+    return _refine("icp", map_points, query_points, initial, voxel, config, threads)
+
+
+def _refine(
+    stage: Literal["ndt", "icp"],
+    map_points: PointsLike | Surface,
+    query_points: PointsLike | Surface,
+    initial: npt.ArrayLike | None,
+    voxel: float | None,
+    config: Any,
+    threads: int,
+) -> Refined:
     workers = whole(threads, "threads")
     start = matrix(np.eye(4) if initial is None else initial, "initial")
     a, b = _pair(map_points, query_points, voxel, config, workers)
-    return _refined(_winze.icp(a, b, start, section("icp", config), workers))
-
-
-def _refined(found: Any) -> Refined:
-    pose, stop, iterations, pairs, information, about = found
+    refine = _winze.ndt if stage == "ndt" else _winze.icp
+    pose, stop, iterations, pairs, information, about = refine(a, b, start, section(stage, config), workers)
     return Refined(pose, stop, iterations, pairs, information, np.array(about))
 
 
