@@ -1,0 +1,158 @@
+//! Poses from correspondences and from a near start, and the chain of all stages.
+
+use std::borrow::Cow;
+
+use anyhow::Context as _;
+use winze::config::{IcpConfig, IcpMetric};
+use winze::features::{Features, describe, describe_map};
+use winze::kdtree::KdTree;
+use winze::matching::{Correspondence, match_descriptors};
+use winze::prepare::{Surface, prepare};
+use winze::{Cloud, Config, Pose};
+use winze::{icp, ndt, ransac};
+
+use super::Done;
+use crate::inputs::Inputs;
+use crate::measure::Bench;
+use crate::settings;
+
+pub(super) fn ransac(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {
+    let at_keypoints = |points: &str, keypoints: &str| -> anyhow::Result<Features<'static>> {
+        let points: Vec<[f32; 3]> = inputs.rows(points)?;
+        let at = inputs
+            .indices(keypoints)?
+            .into_iter()
+            .map(|i| points[i as usize]);
+        Ok(Features {
+            points: at.collect(),
+            ..Features::default()
+        })
+    };
+    let map = at_keypoints("map_thin.f32", "map_keypoints.u32")?;
+    let query = at_keypoints("query_thin.f32", "query_keypoints.u32")?;
+    let pairs: Vec<Correspondence> = inputs
+        .rows("correspondences.u32")?
+        .into_iter()
+        .map(|[query, map]| Correspondence {
+            query,
+            map,
+            distance: 0.0,
+        })
+        .collect();
+    let config = settings::ransac();
+    let found = bench.run(|| {
+        let seed = settings::SEED;
+        Ok(ransac::estimate(
+            &pairs,
+            &query,
+            &map,
+            &config,
+            inputs.voxel,
+            seed,
+            &|_| true,
+        ))
+    })?;
+    let best = found.hypotheses.first().map(|h| h.map_from_query);
+    Ok(Done::poses(&[best.unwrap_or_else(Pose::identity)], 0))
+}
+
+/// The arrays of a prepared cloud, all but its tree.
+struct Arrays {
+    voxel: f64,
+    points: Vec<[f32; 3]>,
+    normals: Vec<[f32; 3]>,
+}
+
+impl Arrays {
+    fn of(inputs: &Inputs, what: &str) -> anyhow::Result<Self> {
+        Ok(Self {
+            voxel: inputs.voxel,
+            points: inputs.rows(&format!("{what}_thin.f32"))?,
+            normals: inputs.rows(&format!("{what}_normals.f32"))?,
+        })
+    }
+
+    fn with_tree(&self, tree: KdTree<'static>) -> Surface<'_> {
+        Surface {
+            origin: [0.0; 3],
+            voxel: self.voxel,
+            points: Cow::Borrowed(&self.points),
+            normals: Cow::Borrowed(&self.normals),
+            tree,
+        }
+    }
+
+    /// With the tree that refiners look map points up in.
+    fn as_map(&self) -> Surface<'_> {
+        self.with_tree(KdTree::build(&self.points))
+    }
+
+    /// Nothing is looked up in a query.
+    fn as_query(&self) -> Surface<'_> {
+        self.with_tree(KdTree::default())
+    }
+}
+
+pub(super) fn ndt(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {
+    let (map, query) = (Arrays::of(inputs, "map")?, Arrays::of(inputs, "query")?);
+    let start = inputs.pose("start.f64")?;
+    let config = settings::ndt();
+    let refined = bench.run(|| {
+        let (map, query) = (map.as_map(), query.as_query());
+        let levels = ndt::levels(&map, &config);
+        Ok(ndt::align(&levels, &map, &query, &start, &config))
+    })?;
+    Ok(Done::poses(&[refined.map_from_query], 0)
+        .noted("with the map's tree and the pose's information matrix"))
+}
+
+pub(super) fn icp_point(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {
+    icp(inputs, bench, &settings::icp(IcpMetric::PointToPoint))
+}
+
+pub(super) fn icp_plane(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {
+    icp(inputs, bench, &settings::icp(IcpMetric::PointToPlane))
+}
+
+fn icp(inputs: &Inputs, bench: &mut Bench, config: &IcpConfig) -> anyhow::Result<Done> {
+    let (map, query) = (Arrays::of(inputs, "map")?, Arrays::of(inputs, "query")?);
+    let start = inputs.pose("start.f64")?;
+    let refined = bench.run(|| Ok(icp::align(&map.as_map(), &query.as_query(), &start, config)))?;
+    Ok(Done::poses(&[refined.map_from_query], 0).noted("with the pose's information matrix"))
+}
+
+pub(super) fn chain(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {
+    let (map, query) = (inputs.cloud("map.f32")?, inputs.cloud("query_0.f32")?);
+    let config = settings::chain();
+    let pose = bench.run(|| chain_of(&map, &query, &config, inputs.voxel))?;
+    Ok(Done::poses(&[pose], 0))
+}
+
+/// The paper's chain, stage by stage.
+fn chain_of(map: &Cloud, query: &Cloud, config: &Config, voxel: f64) -> anyhow::Result<Pose> {
+    let map = prepare(map, &config.prepare, voxel);
+    let query = prepare(query, &config.prepare, voxel);
+    let (map_has, query_has) = (describe_map(&map, config), describe(&query, config));
+    let pairs = match_descriptors(
+        &query_has.descriptors,
+        &map_has.descriptors,
+        &config.matching,
+    );
+    let found = ransac::estimate(
+        &pairs,
+        &query_has,
+        &map_has,
+        &config.ransac,
+        voxel,
+        config.seed,
+        &|_| true,
+    );
+    let start = found
+        .hypotheses
+        .first()
+        .context("RANSAC found no pose")?
+        .map_from_query;
+    let levels = ndt::levels(&map, &config.ndt);
+    let refined = ndt::align(&levels, &map, &query, &start, &config.ndt);
+    Ok(icp::align(&map, &query, &refined.map_from_query, &config.icp).map_from_query)
+}
