@@ -2,10 +2,12 @@
 #pragma once
 
 #include <sys/resource.h>
+#include <unistd.h>
 
 #include <chrono>
 #include <cstddef>
 #include <cstdint>
+#include <cstdio>
 #include <cstdlib>
 #include <cstring>
 #include <exception>
@@ -31,6 +33,7 @@ struct Arguments {
   std::filesystem::path out;
   int threads = 1;
   int repeat = 1;
+  std::FILE* lines = stdout;  // where the line of JSON goes
 
   std::filesystem::path file(const std::string& name) const { return inputs / name; }
 };
@@ -147,11 +150,13 @@ void measure(const Arguments& args, const std::string& note, Work work, Show sho
     file.write(shown.bytes.data(), static_cast<std::streamsize>(shown.bytes.size()));
     if (!file.flush()) throw std::runtime_error("cannot write " + args.out.string());
   }
-  std::cout << "{\"library\": " << quoted(args.library) << ", \"version\": " << quoted(args.version)
+  std::ostringstream line;
+  line << "{\"library\": " << quoted(args.library) << ", \"version\": " << quoted(args.version)
             << ", \"stage\": " << quoted(args.stage) << ", \"input\": " << quoted(args.inputs.filename().string())
             << ", \"threads\": " << args.threads << ", \"wall\": " << list(wall) << ", \"cpu\": " << list(cpu)
             << ", \"rss_before\": " << before << ", \"rss_peak\": " << peak << ", \"count\": " << shown.count
             << ", \"note\": " << quoted(note) << "}\n";
+  std::fputs(line.str().c_str(), args.lines);
 }
 
 inline Arguments arguments(int argc, char** argv) {
@@ -187,10 +192,13 @@ inline int run(int argc, char** argv, const std::string& library, const std::str
     if (args.library != library) throw std::runtime_error("--library: this runner has " + library);
     if (args.inputs.empty()) throw std::runtime_error("--inputs: which folder?");
     args.version = version;
+    // What the libraries have to say to standard output goes to the errors: the line of JSON has it to itself.
+    args.lines = fdopen(dup(STDOUT_FILENO), "w");
+    dup2(STDERR_FILENO, STDOUT_FILENO);
     for (const Stage& stage : stages) {
       if (stage.name == args.stage) {
         stage.run(args);
-        return 0;
+        return std::fclose(args.lines) == 0 ? 0 : 1;
       }
     }
     throw std::runtime_error("--stage: --stages tells what this runner has");

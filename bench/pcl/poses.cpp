@@ -1,5 +1,4 @@
 // Poses: from correspondences, from a near start, and the whole chain.
-#include <pcl/common/point_tests.h>
 #include <pcl/registration/gicp.h>
 #include <pcl/registration/icp.h>
 #include <pcl/registration/ndt.h>
@@ -18,8 +17,8 @@ using Oriented = pcl::PointCloud<pcl::PointNormal>;
 
 constexpr double PAIRS_WITHIN = 1.0;
 constexpr int ICP_ITERATIONS = 50;
-constexpr double STEP = 0.0005;     // metres
-constexpr double TURN = 0.00005;    // radians
+constexpr double STEP = 0.0005;   // metres
+constexpr double TURN = 0.00005;  // radians
 
 Eigen::Matrix4d start(const bench::Arguments& args) {
   const auto rows = bench::array<double>(args.file("start.f64"));
@@ -183,7 +182,8 @@ void chain(const bench::Arguments& args) {
         const Described query = described(raw_query, v, args.threads);
         const Described map = described(raw_map, v, args.threads);
         pcl::Indices of_query, of_map;
-        for (const auto& match : *matches_of(query.features, map.features)) {
+        const pcl::CorrespondencesPtr matches = matches_of(query.features, map.features);
+        for (const auto& match : *matches) {
           of_query.push_back(match.index_query);
           of_map.push_back(match.index_match);
         }
