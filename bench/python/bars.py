@@ -26,6 +26,8 @@ COLOURS = {
     "nanoflann": "#343a40",
 }
 ROW = 0.16
+# Seconds below which a bar is not drawn shorter.
+LEAST = 1e-4
 
 
 def panel(axes, cells, input_, threads, names):
@@ -43,7 +45,7 @@ def panel(axes, cells, input_, threads, names):
         for name, cell in drawn:
             axes.barh(
                 at,
-                max(cell["cpu"], 1e-4),
+                max(cell["cpu"], LEAST),
                 height=0.92,
                 left=0.0,
                 color=COLOURS.get(name, "#adb5bd"),
@@ -54,9 +56,9 @@ def panel(axes, cells, input_, threads, names):
         standing = tables.standing(cells, input_, threads, stage)
         if standing:
             ratio = standing["cpu"]
-            longest = max(max(c["cpu"], 1e-4) for _, c in drawn)
+            longest = max(max(c["cpu"], LEAST) for _, c in drawn)
             axes.annotate(
-                f"{ratio:.1f}×" if ratio < 100 else f"{ratio:.0f}×",
+                tables.ratio(ratio) + "×",
                 (longest, (top + at - 1.0) / 2),
                 xytext=(6, 0),
                 textcoords="offset points",
@@ -70,8 +72,9 @@ def panel(axes, cells, input_, threads, names):
     axes.set_xscale("log")
     axes.set_yticks([t for t, _ in ticks], [s for _, s in ticks], fontsize=10)
     axes.set_ylim(at - 0.3, -0.8)
-    low, high = axes.get_xlim()
-    axes.set_xlim(low, high * 2.5)
+    used = [max(c["cpu"], LEAST) for at_, c in cells.items() if at_[:2] == (input_, threads) and not c["failed"]]
+    # So that the shortest bar shows and the ratios beside the longest have room.
+    axes.set_xlim(min(used) / 2.0, max(used) * 4.0)
     axes.grid(axis="x", color="#e9ecef", zorder=0)
     axes.set_axisbelow(True)
     for side in ("top", "right", "left"):

@@ -125,16 +125,16 @@ def standing(cells, input_, threads, stage):
     wall = best(cells, at, "wall", AGAINST.get(stage)) or best(cells, at, "wall")
     least = best(cells, at, "own")[1]["own"]
     target = TARGETS.get(stage)
-    ratio = over(peer["cpu"], own["cpu"])
+    lead = over(peer["cpu"], own["cpu"])
     return {
         "own": own,
         "peer": peer,
         "library": library,
-        "cpu": ratio,
+        "cpu": lead,
         "wall": over(wall[1]["wall"], own["wall"]),
         "memory": over(max(least, MEGABYTE), max(own["own"], MEGABYTE)),
         "target": target,
-        "reached": ratio >= (target or 1),
+        "reached": lead >= (target or 1),
     }
 
 
@@ -146,6 +146,13 @@ def seconds(value):
     if value < 0.01:
         return f"{value * 1000:.2f} ms"
     return f"{value * 1000:.0f} ms" if value < 1 else f"{value:.2f} s"
+
+
+def ratio(value):
+    """Finer where it is near 1, so that the one that is ahead shows."""
+    if value < 2:
+        return f"{value:.2f}"
+    return f"{value:.1f}" if value < 100 else f"{value:.0f}"
 
 
 def megabytes(value):
@@ -217,11 +224,11 @@ def verdicts(cells, input_, threads):
                 seconds(s["own"]["cpu"]),
                 seconds(s["peer"]["cpu"]),
                 s["library"] + (" †" if s["peer"]["instead"] else ""),
-                f"{s['cpu']:.1f}",
-                f"{s['wall']:.1f}",
+                ratio(s["cpu"]),
+                ratio(s["wall"]),
                 s["target"] or "–",
                 ("yes" if s["reached"] else "no") if s["target"] else ("ahead" if s["reached"] else "behind"),
-                f"{s['memory']:.1f}",
+                ratio(s["memory"]),
             ]
         )
     head = ["stage", "winze CPU", "best peer CPU", "which", "CPU ratio", "wall ratio", "target", "reached", "memory ratio"]
@@ -301,9 +308,9 @@ def short(raw):
             which = first["library"] + (" †" if first["peer"]["instead"] else "")
             rows.append(
                 [stage, seconds(first["own"]["cpu"]), seconds(first["peer"]["cpu"]), which]
-                + [f"{found[t]['cpu']:.1f}" if found[t] else "" for t in counts]
+                + [ratio(found[t]["cpu"]) if found[t] else "" for t in counts]
             )
-        ratios = [f"ratio, {t} thread{'s' * (t > 1)}" for t in counts]
+        heads = [f"ratio, {t} thread{'s' * (t > 1)}" for t in counts]
         parts.append(f"{input_}, CPU time with {counts[0]} thread{'s' * (counts[0] > 1)}:\n")
-        parts.append(table(["stage", "winze", "best peer", "which", *ratios], rows))
+        parts.append(table(["stage", "winze", "best peer", "which", *heads], rows))
     return "\n".join(parts)

@@ -47,8 +47,8 @@ class Tables(unittest.TestCase):
         figures = raw([run("winze", [2.0]), run("PCL", [1.0])], [held("PCL")])
         found = self.standing(figures)
         self.assertEqual((found["cpu"], found["reached"]), (0.5, False))
-        self.assertIn("| voxel | 2.00 s | 1.00 s | PCL | 0.5 | 0.5 | 2 | no | 1.0 |", tables.full(figures))
-        self.assertIn("| voxel | 2.00 s | 1.00 s | PCL | 0.5 |", tables.short(figures))
+        self.assertIn("| voxel | 2.00 s | 1.00 s | PCL | 0.50 | 0.50 | 2 | no | 1.00 |", tables.full(figures))
+        self.assertIn("| voxel | 2.00 s | 1.00 s | PCL | 0.50 |", tables.short(figures))
 
     def test_without_a_target_it_is_enough_to_be_ahead(self):
         figures = raw([run("winze", [1.0], "tree"), run("PCL", [1.5], "tree")], [held("PCL", stage="tree")])
