@@ -39,10 +39,31 @@ def means(_inputs, theirs, ours):
     return f"mean {apart * 1000:.2f} mm apart", apart < 0.001
 
 
-def voxels(_inputs, theirs, ours):
+def occupied(points, size, anchor):
+    """The number of cells of a grid through `anchor` that hold points."""
+    cells = np.floor((points - anchor) / size).astype(np.int64)
+    cells -= cells.min(axis=0)
+    width = cells.max(axis=0) + 1
+    return len(np.unique((cells[:, 0] * width[1] + cells[:, 1]) * width[2] + cells[:, 2]))
+
+
+def voxels(inputs, theirs, ours):
+    """As many points as winze, or as many as a grid has cells that goes through the cloud's least corner (half a voxel before it: Open3D's) instead of
+    zero: on a cloud that was thinned by a grid before, these differ by several per cent."""
     theirs, ours = len(f32(theirs, 3)), len(f32(ours, 3))
-    more = theirs / ours - 1.0
-    return f"{theirs} points ({more:+.2%})", abs(more) <= 0.01
+    text = f"{theirs} points ({theirs / ours - 1.0:+.2%}"
+    if near(theirs, ours):
+        return text + ")", True
+    points = inputs.points("map.f32").astype(float)
+    corner = points.min(axis=0)
+    for anchor in (corner, corner - 0.5 * inputs.voxel):
+        if near(theirs, occupied(points, inputs.voxel, anchor)):
+            return text + ", as its grid lies elsewhere)", True
+    return text + ")", False
+
+
+def near(count, other):
+    return abs(count / max(other, 1) - 1.0) <= 0.01
 
 
 def shared(theirs, ours):

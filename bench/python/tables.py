@@ -210,13 +210,23 @@ def grid(cells, where, text, repeat):
     return table(["stage", *names], rows)
 
 
+def missing(cells, at):
+    """The row of a stage that has nothing to hold against each other."""
+    own = cells.get((*at, REFERENCE))
+    if own is None and any(where[:3] == at for where in cells):
+        return [[at[2], "none", "", "", "", "", "", "", ""]]
+    if own is None:
+        return []
+    text = "failed" if own["failed"] else seconds(own["cpu"])
+    return [[at[2], text, "", "none that is comparable", "", "", "", "", ""]]
+
+
 def verdicts(cells, input_, threads):
     rows = []
     for stage in stages(cells):
         s = standing(cells, input_, threads, stage)
         if s is None:
-            if (input_, threads, stage, REFERENCE) in cells:
-                rows.append([stage, "", "", "no peer, or none comparable", "", "", "", "", ""])
+            rows += missing(cells, (input_, threads, stage))
             continue
         rows.append(
             [

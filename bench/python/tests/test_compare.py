@@ -44,7 +44,11 @@ class Compare(unittest.TestCase):
     def test_voxels_are_counted(self):
         points = np.zeros((200, 3), np.float32)
         self.assertEqual(self.held("voxel", points[:199], points), ("199 points (-0.50%)", True))
-        self.assertFalse(self.held("voxel", points[:190], points)[1])
+        # The map: a point in each of 100 cells of a grid through zero; two to a cell of one through its least corner.
+        at = 0.2 * np.arange(100) + np.where(np.arange(100) % 2, 0.001, 0.199)
+        np.stack([at, 0 * at, 0 * at], axis=1).astype(np.float32).tofile(self.folder / "map.f32")
+        self.assertEqual(self.held("voxel", points[:50], points[:100]), ("50 points (-50.00%, as its grid lies elsewhere)", True))
+        self.assertEqual(self.held("voxel", points[:70], points[:100]), ("70 points (-30.00%)", False))
 
     def test_kept_points_are_a_set(self):
         kept = np.arange(1000, dtype=np.uint32)
