@@ -1,0 +1,326 @@
+"""Tables of what `bench/run` measured. All that is in them follows from the raw figures."""
+
+import statistics
+
+REFERENCE = "winze"
+MEGABYTE = 1e6
+
+STAGES = [
+    "read-pcd-ascii",
+    "read-pcd-binary",
+    "read-pcd-compressed",
+    "read-ply",
+    "voxel",
+    "outliers",
+    "tree",
+    "nearest",
+    "knn",
+    "radius",
+    "normals-knn",
+    "normals-radius",
+    "iss",
+    "fpfh-all",
+    "fpfh-keypoints",
+    "match",
+    "match-mutual",
+    "ransac",
+    "ndt",
+    "icp-point",
+    "icp-plane",
+    "gicp",
+    "chain",
+    "relocalize-prepared",
+    "relocalize",
+]
+
+# By how much winze is to be ahead of the best peer in CPU time.
+TARGETS = {
+    "read-pcd-ascii": 3,
+    "read-pcd-binary": 3,
+    "read-pcd-compressed": 3,
+    "read-ply": 3,
+    "voxel": 2,
+    "outliers": 4,
+    "normals-knn": 4,
+    "normals-radius": 4,
+    "iss": 6,
+    "fpfh-all": 6,
+    "fpfh-keypoints": 6,
+    "match": 3,
+    "match-mutual": 3,
+    "ransac": 5,
+    "ndt": 4,
+    "icp-point": 2,
+    "icp-plane": 2,
+    "gicp": 2,
+    "chain": 8,
+    "relocalize-prepared": 10,
+}
+# Stages whose target names the peer.
+AGAINST = {"relocalize-prepared": "KISS-Matcher"}
+# Who has no map prepared beforehand is asked with the map's work done anew.
+INSTEAD = {"relocalize-prepared": "relocalize"}
+
+
+def key(run):
+    return run["input"], run["threads"], run["stage"], run["library"]
+
+
+def gathered(raw):
+    """By (input, threads, stage, library): the medians of all rounds, or why there are none."""
+    cells = {}
+    for run in raw["runs"]:
+        cell = cells.setdefault(key(run), {"wall": [], "cpu": [], "own": 0, "peak": 0, "count": None, "note": "", "failed": None})
+        if run.get("failed"):
+            cell["failed"] = cell["failed"] or run["failed"]
+            continue
+        cell["wall"] += run["wall"]
+        cell["cpu"] += run["cpu"]
+        cell["own"] = max(cell["own"], run["rss_peak"] - run["rss_before"])
+        cell["peak"] = max(cell["peak"], run["rss_peak"])
+        cell["count"], cell["note"] = run["count"], run.get("note", "")
+    compared = {key(c): c for c in raw.get("comparisons", [])}
+    for at, cell in cells.items():
+        cell["runs"] = len(cell["cpu"])
+        if cell["runs"] == 0 and not cell["failed"]:
+            cell["failed"] = "no run"
+        for name in ("cpu", "wall"):
+            cell[name] = statistics.median(cell[name]) if cell["runs"] else None
+        told = compared.get(at, {})
+        cell["result"] = told.get("text", "")
+        # What was not held against winze's result counts for nothing.
+        cell["comparable"] = bool(told.get("comparable")) or at[3] == REFERENCE
+        cell["instead"] = False
+    lend(cells)
+    return cells
+
+
+def lend(cells):
+    for (input_, threads, stage, library), cell in list(cells.items()):
+        for wanted, instead in INSTEAD.items():
+            at = (input_, threads, wanted, library)
+            asked = any(k[:3] == at[:3] for k in cells)
+            if stage == instead and at not in cells and asked:
+                cells[at] = {**cell, "instead": True}
+
+
+def best(cells, at, what, only=None):
+    """The peer that needs least of `what` among those whose result is comparable, with its cell."""
+    peers = [
+        (cell[what], library, cell)
+        for (*where, library), cell in cells.items()
+        if tuple(where) == at and library != REFERENCE and not cell["failed"] and cell["comparable"] and only in (None, library)
+    ]
+    return min(peers, key=lambda p: p[:2])[1:] if peers else None
+
+
+def standing(cells, input_, threads, stage):
+    """winze beside the best peer at one stage: ratios above 1 are winze's lead. None where one of them is missing."""
+    at = (input_, threads, stage)
+    own = cells.get((*at, REFERENCE))
+    found = best(cells, at, "cpu", AGAINST.get(stage)) or best(cells, at, "cpu")
+    if own is None or own["failed"] or found is None:
+        return None
+    library, peer = found
+    wall = best(cells, at, "wall", AGAINST.get(stage)) or best(cells, at, "wall")
+    least = best(cells, at, "own")[1]["own"]
+    target = TARGETS.get(stage)
+    lead = over(peer["cpu"], own["cpu"])
+    return {
+        "own": own,
+        "peer": peer,
+        "library": library,
+        "cpu": lead,
+        "wall": over(wall[1]["wall"], own["wall"]),
+        "memory": over(max(least, MEGABYTE), max(own["own"], MEGABYTE)),
+        "target": target,
+        "reached": lead >= (target or 1),
+    }
+
+
+def over(a, b):
+    return a / b if b > 0 else float("inf")
+
+
+def seconds(value):
+    if value < 0.01:
+        return f"{value * 1000:.2f} ms"
+    return f"{value * 1000:.0f} ms" if value < 1 else f"{value:.2f} s"
+
+
+def ratio(value):
+    """Finer where it is near 1, so that the one that is ahead shows."""
+    if value < 2:
+        return f"{value:.2f}"
+    return f"{value:.1f}" if value < 100 else f"{value:.0f}"
+
+
+def megabytes(value):
+    return f"{value / MEGABYTE:.0f}"
+
+
+def row(cells):
+    return "| " + " | ".join(str(c).replace("|", "/") for c in cells) + " |"
+
+
+def table(head, rows):
+    return "\n".join([row(head), row(["---"] + ["---:"] * (len(head) - 1)), *(row(r) for r in rows)]) + "\n"
+
+
+def libraries(cells):
+    """winze first, the others by name."""
+    names = {library for *_, library in cells}
+    return [REFERENCE] * (REFERENCE in names) + sorted(names - {REFERENCE}, key=str.lower)
+
+
+def stages(cells):
+    present = {stage for _, _, stage, _ in cells}
+    return [s for s in STAGES if s in present] + sorted(present - set(STAGES))
+
+
+def sections(cells):
+    return sorted({at[:2] for at in cells}, key=lambda a: (a[0] != "sim", *a))
+
+
+def mark(cell, text, repeat):
+    """A cell's text and what must be known about it."""
+    if cell["runs"] < repeat:
+        text += f" (n={cell['runs']})"
+    if cell["instead"]:
+        text += " †"
+    return text if cell["comparable"] else text + " ✗"
+
+
+def shown(cells, at, text, repeat):
+    cell = cells.get(at)
+    if cell is None:
+        return ""
+    if cell["failed"]:
+        return "failed"
+    return mark(cell, text(cell), repeat)
+
+
+def grid(cells, where, text, repeat):
+    names = libraries(cells)
+    rows = [
+        [stage] + [shown(cells, (*where, stage, name), text, repeat) for name in names]
+        for stage in stages(cells)
+        if any((*where, stage, name) in cells for name in names)
+    ]
+    return table(["stage", *names], rows)
+
+
+def missing(cells, at):
+    """The row of a stage that has nothing to hold against each other."""
+    own = cells.get((*at, REFERENCE))
+    if own is None and any(where[:3] == at for where in cells):
+        return [[at[2], "none", "", "", "", "", "", "", ""]]
+    if own is None:
+        return []
+    text = "failed" if own["failed"] else seconds(own["cpu"])
+    return [[at[2], text, "", "none that is comparable", "", "", "", "", ""]]
+
+
+def verdicts(cells, input_, threads):
+    rows = []
+    for stage in stages(cells):
+        s = standing(cells, input_, threads, stage)
+        if s is None:
+            rows += missing(cells, (input_, threads, stage))
+            continue
+        rows.append(
+            [
+                stage,
+                seconds(s["own"]["cpu"]),
+                seconds(s["peer"]["cpu"]),
+                s["library"] + (" †" if s["peer"]["instead"] else ""),
+                ratio(s["cpu"]),
+                ratio(s["wall"]),
+                s["target"] or "–",
+                ("yes" if s["reached"] else "no") if s["target"] else ("ahead" if s["reached"] else "behind"),
+                ratio(s["memory"]),
+            ]
+        )
+    head = ["stage", "winze CPU", "best peer CPU", "which", "CPU ratio", "wall ratio", "target", "reached", "memory ratio"]
+    return table(head, rows)
+
+
+def machine(raw):
+    m = raw.get("machine", {})
+    about = [f"{raw.get('date', '')}", m.get("cpu", ""), f"{m.get('cores', '?')} cores", m.get("kernel", ""), m.get("rustc", "")]
+    load = ", ".join(f"{x:.2f}" for x in m.get("load", []))
+    line = "; ".join(a for a in about if a) + (f"; load at the start {load}" if load else "")
+    return line + "; winze at " + m.get("commit", "?")[:12] + "."
+
+
+def versions(raw):
+    found = {run["library"]: run["version"] for run in raw["runs"] if run.get("version")}
+    return ", ".join(f"{library} {version}" for library, version in sorted(found.items(), key=lambda v: v[0].lower()))
+
+
+LEGEND = """Medians of {repeat} timed runs after a warm-up, or of as many as `n` says. ✗: the result cannot be compared with winze's (or was not), so the peer does
+not count as best. †: its work on the map cannot be kept, so this is `relocalize`. Ratios are best peer over winze: above 1 winze is ahead. The best in CPU time, in wall
+time and in memory may be three different peers; where the target names one, CPU and wall are that one's. Memory is the peak less what was resident before (at least 1 MB).
+"""
+
+
+def full(raw):
+    cells = gathered(raw)
+    repeat = raw.get("repeat", 5)
+    parts = ["# winze beside its peers\n", machine(raw) + "\n", versions(raw) + ".\n", LEGEND.format(repeat=repeat)]
+    for input_, threads in sections(cells):
+        where = (input_, threads)
+        parts += [
+            f"## {input_}, {threads} thread{'s' * (threads > 1)}\n",
+            "### Best peer over winze\n",
+            verdicts(cells, input_, threads),
+            "### CPU time\n",
+            grid(cells, where, lambda c: seconds(c["cpu"]), repeat),
+            "### Wall time\n",
+            grid(cells, where, lambda c: seconds(c["wall"]), repeat),
+            "### Peak memory: of the stage (of the process), MB\n",
+            grid(cells, where, lambda c: f"{megabytes(c['own'])} ({megabytes(c['peak'])})", repeat),
+            "### Results beside winze's\n",
+            grid(cells, where, lambda c: c["result"] or (f"{c['count']}" if c["count"] else "–"), 0),
+        ]
+    parts += ["## Notes\n", notes(cells)]
+    return "\n".join(parts)
+
+
+def notes(cells):
+    """What the runners had to say, and what failed."""
+    said = {}
+    for (input_, threads, stage, library), cell in sorted(cells.items(), key=lambda c: (c[0][3].lower(), c[0])):
+        if cell["instead"]:
+            continue
+        if cell["note"]:
+            said.setdefault((library, cell["note"]), []).append(stage)
+        if cell["failed"]:
+            said.setdefault((library, f"failed at {input_}, {threads} threads: {cell['failed']}"), []).append(stage)
+    lines = []
+    for (library, note), at in said.items():
+        lines.append(f"* {library}, {', '.join(dict.fromkeys(at))}: {note}.")
+    return "\n".join(lines) + "\n"
+
+
+def short(raw):
+    """One table an input for the README."""
+    cells = gathered(raw)
+    parts = []
+    for input_ in dict.fromkeys(i for i, _ in sections(cells)):
+        counts = [t for i, t in sections(cells) if i == input_]
+        rows = []
+        for stage in stages(cells):
+            found = {t: standing(cells, input_, t, stage) for t in counts}
+            first = found[counts[0]]
+            if first is None:
+                continue
+            which = first["library"] + (" †" if first["peer"]["instead"] else "")
+            rows.append(
+                [stage, seconds(first["own"]["cpu"]), seconds(first["peer"]["cpu"]), which]
+                + [ratio(found[t]["cpu"]) if found[t] else "" for t in counts]
+            )
+        heads = [f"ratio, {t} thread{'s' * (t > 1)}" for t in counts]
+        parts.append(f"{input_}, CPU time with {counts[0]} thread{'s' * (counts[0] > 1)}:\n")
+        parts.append(table(["stage", "winze", "best peer", "which", *heads], rows))
+    return "\n".join(parts)
