@@ -3,9 +3,11 @@
 
 mod arrays;
 mod inputs;
+mod machine;
 mod measure;
 mod settings;
 mod stages;
+mod work;
 
 use std::path::{Path, PathBuf};
 
@@ -59,6 +61,11 @@ enum Verb {
         #[arg(long, value_name = "POINTS")]
         drift: Option<usize>,
     },
+    /// Tell what this machine does a second, and what each stage must do at least (for bench/ROOFLINE.md).
+    Limits {
+        /// Folder of the inputs.
+        inputs: PathBuf,
+    },
     /// Run a stage of winze once, on one thread, in a function whose instructions can be counted.
     Count {
         stage: String,
@@ -81,6 +88,7 @@ fn main() -> anyhow::Result<()> {
             );
             Ok(())
         }
+        Some(Verb::Limits { inputs }) => limits(&Inputs::open(inputs)?),
         None if args.stages => {
             for library in [Library::Winze, Library::Kiddo] {
                 for stage in library.stages() {
@@ -106,6 +114,24 @@ fn simd() -> String {
     let found: [(&str, bool); 0] = [];
     let names: Vec<&str> = found.iter().filter(|f| f.1).map(|f| f.0).collect();
     names.join(" ")
+}
+
+fn limits(inputs: &Inputs) -> anyhow::Result<()> {
+    let mut machine = serde_json::Map::new();
+    for threads in [1, 2] {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build()?;
+        machine.insert(
+            threads.to_string(),
+            pool.install(machine::measure).to_json(),
+        );
+    }
+    println!(
+        "{}",
+        json!({ "machine": machine, "work": work::of(inputs)? })
+    );
+    Ok(())
 }
 
 /// Runs a stage in a pool of so many threads.

@@ -129,7 +129,12 @@ mod tests {
     fn once_is_once() {
         let mut bench = Bench::new(Plan::Once);
         let mut runs = 0;
-        bench.run(|| Ok(runs += 1)).unwrap();
+        bench
+            .run(|| {
+                runs += 1;
+                Ok(())
+            })
+            .unwrap();
         assert_eq!(runs, 1);
         assert_eq!(bench.figures, Figures::default());
     }

@@ -60,6 +60,15 @@ pub(crate) fn iss() -> IssConfig {
     }
 }
 
+/// The keypoints that are described and matched: one a cell, as the paper keeps them and as `locate` has them. Those of `iss`
+/// are so few that matching them would measure nothing.
+pub(crate) fn described() -> IssConfig {
+    IssConfig {
+        max_keypoints: 0,
+        ..IssConfig::default()
+    }
+}
+
 /// In PCL's variant, so that the numbers compare.
 pub(crate) fn fpfh() -> FpfhConfig {
     FpfhConfig {

@@ -105,7 +105,7 @@ fn describe(cloud: &Cloud, v: f64) -> Described {
     }
     let points = thin.into_points();
     let tree = KdTree::build(&points);
-    let keypoints = iss::keypoints(&points, &tree, &settings::iss(), v).indices;
+    let keypoints = iss::keypoints(&points, &tree, &settings::described(), v).indices;
     let fpfh = fpfh::descriptors(&points, &normals, &tree, &keypoints, &settings::fpfh(), v);
     Described {
         points,

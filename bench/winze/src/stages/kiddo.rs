@@ -28,7 +28,7 @@ pub(super) fn tree(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {
     let points: Vec<[f32; 3]> = inputs.rows("map.f32")?;
     let tree = bench.run(|| build(&points))?;
     Ok(Done {
-        count: tree.size() as usize,
+        count: tree.size(),
         ..Done::default()
     })
 }

@@ -13,6 +13,8 @@ use crate::arrays::{Number, bytes, flat};
 use crate::inputs::Inputs;
 use crate::measure::Bench;
 
+pub(crate) use register::Arrays;
+
 /// What came out of a stage.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Done {

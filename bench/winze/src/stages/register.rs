@@ -57,14 +57,14 @@ pub(super) fn ransac(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done>
 }
 
 /// The arrays of a prepared cloud, all but its tree.
-struct Arrays {
+pub(crate) struct Arrays {
     voxel: f64,
     points: Vec<[f32; 3]>,
     normals: Vec<[f32; 3]>,
 }
 
 impl Arrays {
-    fn of(inputs: &Inputs, what: &str) -> anyhow::Result<Self> {
+    pub(crate) fn of(inputs: &Inputs, what: &str) -> anyhow::Result<Self> {
         Ok(Self {
             voxel: inputs.voxel,
             points: inputs.rows(&format!("{what}_thin.f32"))?,
@@ -83,12 +83,12 @@ impl Arrays {
     }
 
     /// With the tree that refiners look map points up in.
-    fn as_map(&self) -> Surface<'_> {
+    pub(crate) fn as_map(&self) -> Surface<'_> {
         self.with_tree(KdTree::build(&self.points))
     }
 
     /// Nothing is looked up in a query.
-    fn as_query(&self) -> Surface<'_> {
+    pub(crate) fn as_query(&self) -> Surface<'_> {
         self.with_tree(KdTree::default())
     }
 }
