@@ -16,7 +16,7 @@ use clap::{Parser, Subcommand};
 use serde_json::json;
 
 use inputs::Inputs;
-use inputs::make::{Question, write_all};
+use inputs::make::{Question, write_all, write_bare};
 use inputs::{drift, jinchuan, sim};
 use measure::{Bench, Plan};
 use stages::{Done, Library};
@@ -60,6 +60,9 @@ enum Verb {
         /// Instead make `FOLDER/drift`, a drift of so many points.
         #[arg(long, value_name = "POINTS")]
         drift: Option<usize>,
+        /// Of the drift only what `read-pcd-binary` and `voxel` are given.
+        #[arg(long, requires = "drift")]
+        bare: bool,
     },
     /// Tell what this machine does a second, and what each stage must do at least (for bench/ROOFLINE.md).
     Limits {
@@ -78,7 +81,15 @@ enum Verb {
 fn main() -> anyhow::Result<()> {
     let args = Args::parse();
     match &args.verb {
-        Some(Verb::Inputs { folder, drift }) => make_inputs(folder, *drift),
+        Some(Verb::Inputs {
+            folder,
+            drift: Some(points),
+            bare: true,
+        }) => Ok(write_bare(
+            &folder.join("drift"),
+            &drift::question(*points)?,
+        )?),
+        Some(Verb::Inputs { folder, drift, .. }) => make_inputs(folder, *drift),
         Some(Verb::Count { stage, inputs }) => {
             let mut bench = Bench::new(Plan::Once);
             let done = run(Library::Winze, stage, &Inputs::open(inputs)?, 1, &mut bench)?;

@@ -40,6 +40,17 @@ struct Described {
     fpfh: Vec<fpfh::Descriptor>,
 }
 
+/// Writes the map alone, as one file and as an array.
+pub(crate) fn write_bare(folder: &Path, question: &Question) -> anyhow::Result<()> {
+    fs::create_dir_all(folder)?;
+    let encoding = Some(Encoding::Binary);
+    let map = &question.map;
+    write_cloud(&folder.join("map.pcd"), map, &WriteOptions { encoding })?;
+    write(&folder.join("map.f32"), &bytes(map.points()))?;
+    let settings = json!({ "voxel": question.voxel }).to_string();
+    write(&folder.join("settings.json"), settings.as_bytes())
+}
+
 /// Writes every file of `folder`.
 pub(crate) fn write_all(folder: &Path, question: &Question) -> anyhow::Result<()> {
     fs::create_dir_all(folder)?;
