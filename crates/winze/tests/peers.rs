@@ -307,7 +307,9 @@ fn generalized_icp_ends_where_small_gicp_ends() {
     }
     let config = icp_config(IcpMetric::Generalized);
     let ours = icp::align(&map, &query, &Pose::identity(), &config);
-    let apart = ours.map_from_query.distance(&pose("small_gicp_gicp"), [0.0; 3]);
+    let apart = ours
+        .map_from_query
+        .distance(&pose("small_gicp_gicp"), [0.0; 3]);
     assert!(
         apart.translation < 1e-4 && apart.rotation < 1e-4,
         "{apart:?} after {} iterations, {}",
