@@ -294,6 +294,31 @@ fn icp_ends_where_pcl_and_open3d_end() {
 }
 
 #[test]
+fn generalized_icp_ends_where_small_gicp_ends() {
+    let (mut map, (mut query, _)) = (surface(), moved());
+    let around = Neighbourhood {
+        radius: 0.0,
+        least: 0,
+        most: 20,
+    };
+    for s in [&mut map, &mut query] {
+        s.tree = KdTree::build(&s.points);
+        s.normals = normals::estimate(&s.points, &s.tree, around).into();
+    }
+    let config = icp_config(IcpMetric::Generalized);
+    let ours = icp::align(&map, &query, &Pose::identity(), &config);
+    let apart = ours
+        .map_from_query
+        .distance(&pose("small_gicp_gicp"), [0.0; 3]);
+    assert!(
+        apart.translation < 1e-4 && apart.rotation < 1e-4,
+        "{apart:?} after {} iterations, {}",
+        ours.iterations,
+        ours.stop
+    );
+}
+
+#[test]
 fn the_information_matrix_is_that_of_a_peer() {
     let (map, (query, _)) = (surface(), moved());
     let at = pose("open3d_icp_plane");

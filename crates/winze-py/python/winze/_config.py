@@ -263,9 +263,9 @@ class NdtConfig:
 class IcpConfig:
     """ICP refinement."""
 
-    metric: Literal["point-to-point", "point-to-plane"] = "point-to-point"
+    metric: Literal["point-to-point", "point-to-plane", "generalized"] = "point-to-point"
     """What is minimised (``auto`` always ends with point-to-plane). One of point-to-point, point-to-
-    plane."""
+    plane, generalized."""
 
     max_distance: Length = "4 voxels"
     """Pairs further apart than this do not count at first. Must be above 0, at most 1000."""

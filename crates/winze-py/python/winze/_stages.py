@@ -520,7 +520,8 @@ def icp(
     threads: int = 0,
 ) -> Refined:
     """Refines a pose by iterative closest point: point-to-point (Besl & McKay 1992) or, with
-    ``IcpConfig(metric="point-to-plane")``, point-to-plane (Chen & Medioni 1992).
+    ``IcpConfig(metric="point-to-plane")``, point-to-plane (Chen & Medioni 1992) or, with
+    ``IcpConfig(metric="generalized")``, plane to plane (GICP; Segal, Haehnel & Thrun 2009).
 
     Args:
         map_points: (N, 3), metres, or a Surface, which is not prepared again.

@@ -84,5 +84,7 @@ choice! {
         PointToPoint = "point-to-point",
         /// Distances to the tangent planes at them, by Gauss-Newton.
         PointToPlane = "point-to-plane",
+        /// Distances between the surfaces at both points, plane to plane (Segal, Haehnel & Thrun 2009), by Gauss-Newton.
+        Generalized = "generalized",
     }
 }

@@ -5,20 +5,12 @@ use std::borrow::Cow;
 use rayon::prelude::*;
 
 use crate::columns::{Columns, Memory};
-use crate::eigen3::{Symmetric3, eigen3};
+use crate::eigen3::eigen3;
 use crate::parallel;
 use crate::voxel::{Grid, pack, unpack};
 
-/// One cell's Gaussian.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct NdtCell {
-    /// Mean, offsets from the surface's origin, metres.
-    pub mean: [f64; 3],
-    /// Inverse covariance, m⁻².
-    pub inverse_covariance: Symmetric3,
-}
-
-/// A Gaussian as plain numbers: its mean, then the upper triangle of its inverse covariance.
+/// A Gaussian as plain numbers: its mean (offset from the surface's origin, metres), then the upper triangle of its inverse
+/// covariance (m⁻²), row by row.
 pub type Gaussian = [f64; 9];
 
 /// The Gaussians of a surface at one cell size. Its arrays are its own, or lie in a mapped file.
@@ -123,7 +115,7 @@ fn table_len(count: usize) -> usize {
 }
 
 /// Part of the file format: never to be changed without its version.
-fn hash(place: [i32; 3]) -> usize {
+pub(super) fn hash(place: [i32; 3]) -> usize {
     let [x, y, z] = place.map(|v| u64::from(v.cast_unsigned()));
     let mixed = x.wrapping_mul(0x9E37_79B9_7F4A_7C15)
         ^ y.wrapping_mul(0xC2B2_AE3D_27D4_EB4F)
@@ -184,7 +176,7 @@ impl<'a> NdtCells<'a> {
 
     /// The Gaussian of a cell.
     #[inline]
-    fn find(&self, place: [i32; 3]) -> Option<NdtCell> {
+    fn find(&self, place: [i32; 3]) -> Option<&Gaussian> {
         let (table, places): (&[u32], &[[i32; 3]]) = (&self.table, &self.places);
         let mask = table.len() - 1;
         let mut at = hash(place) & mask;
@@ -192,11 +184,7 @@ impl<'a> NdtCells<'a> {
         loop {
             let name = (table[at] as usize).checked_sub(1)?;
             if places[name] == place {
-                let g = &self.gaussians[name];
-                return Some(NdtCell {
-                    mean: [g[0], g[1], g[2]],
-                    inverse_covariance: [g[3], g[4], g[5], g[6], g[7], g[8]],
-                });
+                return Some(&self.gaussians[name]);
             }
             at = (at + 1) & mask;
         }
@@ -214,20 +202,16 @@ impl<'a> NdtCells<'a> {
         self.gaussians.is_empty()
     }
 
-    /// Calls `each` for the Gaussians in the cell of `p` and, for 7 or 27 `neighbours`, in those
-    /// that share a face or a corner with it.
-    pub(super) fn around(&self, p: [f64; 3], neighbours: usize, mut each: impl FnMut(&NdtCell)) {
-        let c = cell_of(p, self.size);
+    /// Adds the Gaussians of the cell `c` and, for 7 or 27 `neighbours`, of those that share a face or a corner with it.
+    pub(super) fn around(&self, c: [i32; 3], neighbours: usize, to: &mut Vec<Gaussian>) {
         let offsets = &NEIGHBOURS[..neighbours.clamp(1, NEIGHBOURS.len())];
         for o in offsets {
-            let key = [
+            let place = [
                 c[0].saturating_add(o[0]),
                 c[1].saturating_add(o[1]),
                 c[2].saturating_add(o[2]),
             ];
-            if let Some(cell) = self.find(key) {
-                each(&cell);
-            }
+            to.extend(self.find(place));
         }
     }
 }
@@ -263,7 +247,7 @@ const NEIGHBOURS: [[i32; 3]; 27] = [
     [1, 1, 1],
 ];
 
-fn cell_of(p: [f64; 3], size: f64) -> [i32; 3] {
+pub(super) fn cell_of(p: [f64; 3], size: f64) -> [i32; 3] {
     #[expect(clippy::cast_possible_truncation, reason = "saturates")]
     p.map(|v| (v / size).floor() as i32)
 }
@@ -339,7 +323,7 @@ mod tests {
         assert_eq!(cells.len(), 1);
         let cell = cells.find([0; 3]).unwrap();
         let variance = 4.0 * 0.4 * 0.4 / 5.0;
-        for (a, b) in cell.mean.iter().zip([0.5, 0.5, 0.0]) {
+        for (a, b) in cell[..3].iter().zip([0.5, 0.5, 0.0]) {
             assert!((a - b).abs() < 1e-7);
         }
         let expected = [
@@ -350,8 +334,8 @@ mod tests {
             0.0,
             100.0 / variance,
         ];
-        for (a, b) in cell.inverse_covariance.iter().zip(expected) {
-            assert!((a - b).abs() < 1e-3, "{:?}", cell.inverse_covariance);
+        for (a, b) in cell[3..].iter().zip(expected) {
+            assert!((a - b).abs() < 1e-3, "{cell:?}");
         }
         assert!(NdtCells::build(&points, 1.0, 7, 0.01).is_empty());
         assert!(

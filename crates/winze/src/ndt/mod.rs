@@ -8,18 +8,18 @@
 //! [`NdtForm::Plain`] is the paper's form: the bare Gaussian and gradient ascent.
 
 mod cells;
+mod score;
 
-pub use cells::{Gaussian, NdtCell, NdtCells, NdtColumns, cells_in};
+pub use cells::{Gaussian, NdtCells, NdtColumns, cells_in};
 
 use crate::config::{NdtConfig, NdtForm};
-use crate::eigen3::times;
 use crate::icp;
-use crate::parallel;
 use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::refine::{Refined, StopReason, sample, spread};
 use crate::solve::System;
-use crate::vec3::{cross, dot};
+
+use score::Score;
 
 /// Refines `start` (`map_from_query`) by NDT over `levels`, coarse to fine (see [`levels`]).
 ///
@@ -44,14 +44,14 @@ pub fn align(
             length,
             config,
         };
-        let (next, iterations, stop) = match config.form {
+        let (at, iterations, stop) = match config.form {
             NdtForm::Mixture => problem.newton(pose),
             NdtForm::Plain => problem.gradient_ascent(pose),
         };
-        pose = next;
+        pose = at.pose;
         refined.iterations += iterations;
         refined.stop = stop;
-        refined.pairs = problem.derivatives(&pose).count;
+        refined.pairs = at.system.count;
     }
     refined.map_from_query = pose.from_between_origins(map.origin, query.origin);
     let reach = 0.5 * config.finest.metres(map.voxel);
@@ -85,6 +85,12 @@ pub fn sizes(voxel: f64, config: &NdtConfig) -> Vec<f64> {
     sizes
 }
 
+/// A pose, with the score and its derivatives there.
+struct At {
+    pose: Pose,
+    system: System,
+}
+
 /// One resolution's optimisation.
 struct Problem<'a> {
     cells: &'a NdtCells<'a>,
@@ -115,46 +121,20 @@ impl Problem<'_> {
         }
     }
 
-    /// The score's negative as `cost`, its gradient and Hessian about the moved centroid, and the
-    /// number of points that met a Gaussian.
-    fn derivatives(&self, pose: &Pose) -> System {
+    /// The pose with the score's negative as `cost`, its gradient and Hessian about the moved centroid, and the number of points that
+    /// met a Gaussian.
+    fn at(&self, pose: Pose) -> At {
         let (height, d2) = self.bell();
-        let centre = pose.transform(self.centroid);
-        parallel::sum(
-            self.points.len(),
-            |system: &mut System, i| {
-                let p = pose.transform(self.points[i].map(f64::from));
-                let arm = [p[0] - centre[0], p[1] - centre[1], p[2] - centre[2]];
-                let mut met = false;
-                self.cells.around(p, self.config.neighbours, |cell| {
-                    met = true;
-                    add_cell(system, cell, p, arm, height, d2);
-                });
-                system.count += usize::from(met);
-            },
-            System::merge,
-        )
-    }
-
-    /// The score's negative alone.
-    fn cost(&self, pose: &Pose) -> f64 {
-        let (height, d2) = self.bell();
-        parallel::sum(
-            self.points.len(),
-            |cost: &mut f64, i| {
-                let p = pose.transform(self.points[i].map(f64::from));
-                self.cells.around(p, self.config.neighbours, |cell| {
-                    let x = [
-                        p[0] - cell.mean[0],
-                        p[1] - cell.mean[1],
-                        p[2] - cell.mean[2],
-                    ];
-                    let bx = times(&cell.inverse_covariance, x);
-                    *cost -= height * libm::exp(-0.5 * d2 * dot(x, bx));
-                });
-            },
-            |a, b| *a += b,
-        )
+        let score = Score {
+            cells: self.cells,
+            points: self.points,
+            centroid: self.centroid,
+            neighbours: self.config.neighbours,
+            height,
+            d2,
+        };
+        let system = score.derivatives(&pose);
+        At { pose, system }
     }
 
     fn moved(&self, pose: &Pose, step: &[f64; 6], by: f64) -> Pose {
@@ -180,39 +160,41 @@ impl Problem<'_> {
 
     /// Newton's method; indefinite Hessians are made positive, steps are kept within half a cell
     /// and halved until the score improves (Armijo).
-    fn newton(&self, mut pose: Pose) -> (Pose, usize, StopReason) {
+    fn newton(&self, start: Pose) -> (At, usize, StopReason) {
+        let mut at = self.at(start);
         for iteration in 1..=self.config.max_iterations {
-            let system = self.derivatives(&pose);
+            let system = &at.system;
             if system.count < self.config.min_pairs {
-                return (pose, iteration, StopReason::TooFewPairs);
+                return (at, iteration, StopReason::TooFewPairs);
             }
             let Some(mut step) = system.step(self.length, 1e-6) else {
-                return (pose, iteration, StopReason::Degenerate);
+                return (at, iteration, StopReason::Degenerate);
             };
             let limit = 0.5 * self.cells.size / self.reach(&step).max(1e-12);
             if limit < 1.0 {
                 step = step.map(|s| s * limit);
             }
             let slope: f64 = step.iter().zip(&system.g).map(|(s, g)| s * g).sum();
-            let Some(by) = self.line_search(&pose, &step, system.cost, slope) else {
-                return (pose, iteration, StopReason::NoImprovement);
+            let Some((by, next)) = self.line_search(&at, &step, slope) else {
+                return (at, iteration, StopReason::NoImprovement);
             };
-            pose = self.moved(&pose, &step, by);
+            at = next;
             if self.settled(&step.map(|s| s * by)) {
-                return (pose, iteration, StopReason::Converged);
+                return (at, iteration, StopReason::Converged);
             }
         }
-        (pose, self.config.max_iterations, StopReason::MaxIterations)
+        (at, self.config.max_iterations, StopReason::MaxIterations)
     }
 
     /// Steepest ascent of the likelihood, the step growing while it helps and shrinking while it
     /// does not.
-    fn gradient_ascent(&self, mut pose: Pose) -> (Pose, usize, StopReason) {
+    fn gradient_ascent(&self, start: Pose) -> (At, usize, StopReason) {
+        let mut at = self.at(start);
         let mut stride = 0.1 * self.cells.size;
         for iteration in 1..=self.config.max_iterations {
-            let system = self.derivatives(&pose);
+            let system = &at.system;
             if system.count < self.config.min_pairs {
-                return (pose, iteration, StopReason::TooFewPairs);
+                return (at, iteration, StopReason::TooFewPairs);
             }
             // Rotation in units of arc, so that one stride fits both halves.
             let arm = self.length * self.length;
@@ -225,78 +207,35 @@ impl Problem<'_> {
             });
             let reach = self.reach(&direction);
             if !(reach > 0.0 && reach.is_finite()) {
-                return (pose, iteration, StopReason::Degenerate);
+                return (at, iteration, StopReason::Degenerate);
             }
             let step = direction.map(|d| d * stride / reach);
             let slope: f64 = step.iter().zip(&system.g).map(|(s, g)| s * g).sum();
-            let Some(by) = self.line_search(&pose, &step, system.cost, slope) else {
-                return (pose, iteration, StopReason::NoImprovement);
+            let Some((by, next)) = self.line_search(&at, &step, slope) else {
+                return (at, iteration, StopReason::NoImprovement);
             };
-            pose = self.moved(&pose, &step, by);
+            at = next;
             if self.settled(&step.map(|s| s * by)) {
-                return (pose, iteration, StopReason::Converged);
+                return (at, iteration, StopReason::Converged);
             }
             stride *= if by >= 1.0 { 1.5 } else { by };
         }
-        (pose, self.config.max_iterations, StopReason::MaxIterations)
+        (at, self.config.max_iterations, StopReason::MaxIterations)
     }
 
-    /// The largest of 1, ½, ¼, … that satisfies Armijo's condition.
-    fn line_search(&self, pose: &Pose, step: &[f64; 6], cost: f64, slope: f64) -> Option<f64> {
+    /// The largest of 1, ½, ¼, … that satisfies Armijo's condition, and where it leads: the first is nearly always taken, so that the
+    /// derivatives that the next iteration needs come with it.
+    fn line_search(&self, from: &At, step: &[f64; 6], slope: f64) -> Option<(f64, At)> {
         let mut by = 1.0;
         for _ in 0..12 {
-            if self.cost(&self.moved(pose, step, by)) <= cost + 1e-4 * by * slope {
-                return Some(by);
+            let at = self.at(self.moved(&from.pose, step, by));
+            if at.system.cost <= from.system.cost + 1e-4 * by * slope {
+                return Some((by, at));
             }
             by *= 0.5;
         }
         None
     }
-}
-
-/// Adds one cell's part of the negative score at point `p`, with `arm` its place about the centre.
-///
-/// With `e = exp(−d2/2 xᵀBx)`, `B = Σ⁻¹` and the point's Jacobian `J = [I, −arm^]`: gradient
-/// `k Jᵀ B x`, Hessian `k (JᵀBJ − d2 gᵀg + xᵀB ∂²p)`, `k = height d2 e` (equations 6.12 and 6.13).
-#[inline]
-fn add_cell(system: &mut System, cell: &NdtCell, p: [f64; 3], arm: [f64; 3], height: f64, d2: f64) {
-    let b = &cell.inverse_covariance;
-    let x = [
-        p[0] - cell.mean[0],
-        p[1] - cell.mean[1],
-        p[2] - cell.mean[2],
-    ];
-    let bx = times(b, x);
-    let e = libm::exp(-0.5 * d2 * dot(x, bx));
-    let k = height * d2 * e;
-    let turn = cross(arm, bx);
-    let g = [bx[0], bx[1], bx[2], turn[0], turn[1], turn[2]];
-    // Columns of J: the axes, then axis × arm.
-    let j = [
-        [1.0, 0.0, 0.0],
-        [0.0, 1.0, 0.0],
-        [0.0, 0.0, 1.0],
-        [0.0, -arm[2], arm[1]],
-        [arm[2], 0.0, -arm[0]],
-        [-arm[1], arm[0], 0.0],
-    ];
-    let bj = j.map(|column| times(b, column));
-    let along = dot(bx, arm);
-    let mut at = 0;
-    for r in 0..6 {
-        for c in r..6 {
-            let mut h = dot(j[r], bj[c]) - d2 * g[r] * g[c];
-            if r >= 3 {
-                // ∂²p/∂θr∂θc at zero is ½(er (ec·arm) + ec (er·arm)) − arm (er·ec).
-                let (i, l) = (r - 3, c - 3);
-                h += 0.5 * (bx[i] * arm[l] + bx[l] * arm[i]) - if i == l { along } else { 0.0 };
-            }
-            system.h[at] += k * h;
-            at += 1;
-        }
-        system.g[r] += k * g[r];
-    }
-    system.cost -= height * e;
 }
 
 #[cfg(test)]
@@ -337,8 +276,8 @@ mod tests {
                 config: &config,
             };
             let pose = Pose::from_rotation_vector([0.02, -0.01, 0.03], [0.05, 0.02, -0.04]);
-            let at = problem.derivatives(&pose);
-            assert!((at.cost - problem.cost(&pose)).abs() < 1e-9 * at.cost.abs());
+            let at = problem.at(pose).system;
+            let cost_at = |pose: &Pose| problem.at(*pose).system.cost;
             let h = 1e-6;
             let moved = |i: usize, by: f64| {
                 let mut step = [0.0; 6];
@@ -348,8 +287,7 @@ mod tests {
             let matrix = at.matrix();
             let size = |i: usize, j: usize| (matrix[i][i].abs() * matrix[j][j].abs()).sqrt();
             for i in 0..6 {
-                let numeric =
-                    (problem.cost(&moved(i, h)) - problem.cost(&moved(i, -h))) / (2.0 * h);
+                let numeric = (cost_at(&moved(i, h)) - cost_at(&moved(i, -h))) / (2.0 * h);
                 assert!(
                     (numeric - at.g[i]).abs() < 1e-3 * (1.0 + at.g[i].abs()),
                     "{form} g{i}: {numeric} {}",
@@ -363,7 +301,7 @@ mod tests {
                         let mut step = [0.0; 6];
                         step[i] += a;
                         step[j] += b;
-                        problem.cost(&problem.moved(&pose, &step, 1.0))
+                        cost_at(&problem.moved(&pose, &step, 1.0))
                     };
                     let second =
                         (cost(k, k) - cost(k, -k) - cost(-k, k) + cost(-k, -k)) / (4.0 * k * k);
