@@ -69,7 +69,7 @@ pub struct Estimate {
 const BLOCK: u64 = 4_096;
 /// Samples whose edges are looked at together.
 const BATCH: usize = 128;
-/// Blocks a round holds at most. It starts with what is drawn anyway, at least one, and grows with what was drawn.
+/// Blocks a round holds at most. Where less is asked for it starts with that, at least one, and grows with what was drawn.
 const ROUND: u64 = 16;
 /// Distinct candidates a block hands on.
 const KEPT: usize = 8;
@@ -137,7 +137,12 @@ pub fn estimate(
     let (mut samples, mut needed, mut block) = (0, max_samples, 0);
     let first_round = config.min_samples as u64 / BLOCK;
     while samples < needed {
-        let round = block.max(first_round).clamp(1, ROUND);
+        let round = if first_round < ROUND {
+            let enough = (needed - samples).div_ceil(BLOCK);
+            block.max(first_round).min(enough).clamp(1, ROUND)
+        } else {
+            ROUND
+        };
         let found: Vec<Vec<Hypothesis>> = (block..block + round)
             .into_par_iter()
             .map(|b| {
@@ -209,14 +214,12 @@ fn sample_block(
         within: Vec::new(),
     };
     let mut left = draws;
+    let mut samples = [[0; 3]; BATCH];
     while left > 0 {
-        let mut samples = [[0; 3]; BATCH];
-        let drawn = left.min(BATCH as u64) as usize;
-        for sample in &mut samples[..drawn] {
-            *sample = [rng.below(n), rng.below(n), rng.below(n)];
-        }
-        left -= drawn as u64;
-        let promising = pairs.rough.sift(&mut samples[..drawn], limits);
+        let drawn = left.min(BATCH as u64);
+        left -= drawn;
+        let draw = || [rng.below(n), rng.below(n), rng.below(n)];
+        let promising = pairs.rough.sift(drawn as usize, draw, &mut samples, limits);
         for sample in &samples[..promising] {
             let sample = sample.map(|i| i as usize);
             if edges_agree(pairs, sample, config.edge_similarity, min_edge) {

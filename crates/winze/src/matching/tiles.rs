@@ -3,11 +3,16 @@
 //! Below a thousand or two no index earns what it costs to build. Distances are summed as the index sums them, so
 //! answers are the same to the bit.
 
-use crate::descriptor_index::{LANES, before, is_usable, offer};
+use crate::descriptor_index::{before, is_usable, offer};
 use crate::fpfh::{DIMENSIONS, Descriptor};
 use crate::simd;
 
-/// Sixteen descriptors side by side, a row a dimension. Lanes to spare hold infinity.
+/// Descriptors of a tile: several vectors of the widest, since one sum alone waits for each of its additions.
+const LANES: usize = 64;
+/// Of a tile, those that are looked at again together.
+const PART: usize = 16;
+
+/// Descriptors side by side, a row a dimension. Lanes to spare hold infinity.
 type Tile = [[f32; LANES]; DIMENSIONS];
 
 /// Descriptors arranged for comparison with one after the other.
@@ -92,11 +97,14 @@ impl Tiles {
                             sums[l] += d * d;
                         }
                     }
-                    let mut any = false;
-                    for sum in &sums {
-                        any |= *sum <= limit;
-                    }
-                    if any {
+                    for (sums, order) in sums.chunks_exact(PART).zip(order.chunks(PART)) {
+                        let mut any = false;
+                        for sum in sums {
+                            any |= *sum <= limit;
+                        }
+                        if !any {
+                            continue;
+                        }
                         for (sum, &index) in sums.iter().zip(order) {
                             if *sum <= limit {
                                 limit = near((*sum, index));

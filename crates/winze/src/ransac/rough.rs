@@ -3,7 +3,7 @@
 //! Nothing is decided here that rounding could turn: what a rough look does not rule out with a margin is
 //! looked at again in `f64`, so that answers are those of `f64` alone.
 
-use super::Sample;
+use super::{BATCH, Sample};
 use crate::pose::Pose;
 use crate::simd;
 
@@ -107,12 +107,19 @@ impl Rough {
         (short < limits.shortest) | (short < limits.similarity * long)
     }
 
-    /// Of `samples` those that may pass, in order, at the front; how many.
-    pub(super) fn sift(&self, samples: &mut [Sample], limits: EdgeLimits) -> usize {
+    /// Of so many samples drawn with `draw`, those that may pass, in order, at the front of `samples`; how many.
+    #[inline]
+    pub(super) fn sift(
+        &self,
+        drawn: usize,
+        mut draw: impl FnMut() -> Sample,
+        samples: &mut [Sample; BATCH],
+        limits: EdgeLimits,
+    ) -> usize {
         // Most fail at their first edge. No branch depends on it: none would be foreseen.
         let mut kept = 0;
-        for s in 0..samples.len() {
-            let [a, b, c] = samples[s];
+        for _ in 0..drawn.min(BATCH) {
+            let [a, b, c] = draw();
             samples[kept] = [a, b, c];
             kept += usize::from(!self.edge_fails(a, b, limits));
         }
