@@ -21,6 +21,7 @@ use std::borrow::Cow;
 
 use crate::columns::{Columns, Memory};
 use crate::fpfh::{DIMENSIONS, Descriptor};
+use crate::simd;
 
 mod build;
 mod frame;
@@ -28,7 +29,7 @@ mod frame;
 mod tests;
 
 pub use build::build;
-use frame::project;
+use frame::GROUP;
 
 /// Coordinates of a descriptor in the index: principal axes, and the length of the rest.
 /// Of 8, 12 and 16, twelve answered fastest among a million; eight do nearly as well.
@@ -56,6 +57,14 @@ pub struct DescriptorIndex<'a> {
     nodes: Cow<'a, [Node]>,
     blocks: Cow<'a, [Block]>,
     order: Cow<'a, [Order]>,
+}
+
+/// A descriptor as an index sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Seen {
+    at: [f32; COORDINATES],
+    /// Distance from the centre.
+    reach: f32,
 }
 
 /// An index whose long arrays lie where `C` put them.
@@ -178,12 +187,137 @@ impl<'a> DescriptorIndex<'a> {
         limit: f32,
         found: &mut Vec<(f32, u32)>,
     ) {
+        let [seen, ..] = frame::project(&self.frame, [query; GROUP]);
+        self.nearest_seen(descriptors, (query, &seen), k, limit, found);
+    }
+
+    /// How this index sees descriptors, its own or others.
+    pub(crate) fn see(&self, descriptors: &[Descriptor]) -> Vec<Seen> {
+        build::see_all(&self.frame, descriptors)
+    }
+
+    /// An index over other descriptors, which this one has seen.
+    pub(crate) fn over_seen(
+        &self,
+        descriptors: &[Descriptor],
+        seen: &[Seen],
+    ) -> IndexColumns<Memory> {
+        build::build_seen(&self.frame, descriptors, seen)
+    }
+
+    /// [`nearest_within`](Self::nearest_within) of a query that this index has seen.
+    pub(crate) fn nearest_seen(
+        &self,
+        descriptors: &[Descriptor],
+        (query, seen): (&Descriptor, &Seen),
+        k: usize,
+        limit: f32,
+        found: &mut Vec<(f32, u32)>,
+    ) {
         found.clear();
         if k == 0 || self.order.is_empty() || !is_usable(query) {
             return;
         }
-        let (at, reach) = project(&self.frame, query);
-        let mut bound = bound(limit, reach);
+        simd::wide(
+            #[inline(always)]
+            || {
+                let start = bound(limit, seen.reach);
+                self.walk(
+                    &seen.at,
+                    start,
+                    #[inline(always)]
+                    |lower, order, mut bound| {
+                        for (lower, &index) in lower.iter().zip(order) {
+                            if *lower > bound {
+                                continue;
+                            }
+                            let Some(row) = descriptors.get(index as usize) else {
+                                continue;
+                            };
+                            let most = found.get(k - 1).map_or(limit, |last| last.0);
+                            let new = (squared_distance(query, row, most), index);
+                            if new.0 <= most && new.0 < f32::INFINITY && offer(found, k, new) {
+                                bound = self::bound(found[k - 1].0, seen.reach);
+                            }
+                        }
+                        bound
+                    },
+                );
+            },
+        );
+    }
+
+    /// An order in which queries that this index has seen follow each other as their first leaves do.
+    pub(crate) fn in_order(&self, seen: &[Seen]) -> Vec<u32> {
+        let leaf = |seen: &Seen| {
+            let (mut node, mut first, mut leaves) = (0, 0, self.order.len());
+            while leaves > 1 {
+                let half = leaves / 2;
+                let [low, high, right_low, right_high] = &self.nodes[node];
+                let left = box_distance(&seen.at, low, high);
+                if box_distance(&seen.at, right_low, right_high) < left {
+                    (node, first, leaves) = (node + half, first + half, leaves - half);
+                } else {
+                    (node, leaves) = (node + 1, half);
+                }
+            }
+            first
+        };
+        let mut keyed: Vec<(usize, u32)> = seen.iter().map(leaf).zip(0u32..).collect();
+        keyed.sort_unstable();
+        keyed.into_iter().map(|(_, i)| i).collect()
+    }
+
+    /// Whether a descriptor comes before `than` (squared distance, index) among those near a query
+    /// that this index has seen.
+    pub(crate) fn any_before(
+        &self,
+        descriptors: &[Descriptor],
+        (query, seen): (&Descriptor, &Seen),
+        than: (f32, u32),
+    ) -> bool {
+        if self.order.is_empty() || !is_usable(query) {
+            return false;
+        }
+        let mut any = false;
+        simd::wide(
+            #[inline(always)]
+            || {
+                let start = bound(than.0, seen.reach);
+                self.walk(
+                    &seen.at,
+                    start,
+                    #[inline(always)]
+                    |lower, order, bound| {
+                        for (lower, &index) in lower.iter().zip(order) {
+                            if *lower > bound {
+                                continue;
+                            }
+                            let Some(row) = descriptors.get(index as usize) else {
+                                continue;
+                            };
+                            if before((squared_distance(query, row, than.0), index), than) {
+                                any = true;
+                                return NOTHING;
+                            }
+                        }
+                        bound
+                    },
+                );
+            },
+        );
+        any
+    }
+
+    /// Shows `leaf` the leaves that may hold descriptors whose coordinates lie within `bound` (squared) of `at`,
+    /// near ones mostly first: squared distances of the coordinates, and the indices. It answers with the bound from there on.
+    #[inline(always)]
+    fn walk(
+        &self,
+        at: &[f32; COORDINATES],
+        mut bound: f32,
+        mut leaf: impl FnMut(&[f32; LANES], &Order, f32) -> f32,
+    ) {
         // (distance of the box, node, first leaf, leaves)
         let mut stack = [(0.0f32, 0usize, 0usize, 0usize); MAX_DEPTH];
         stack[0].3 = self.order.len();
@@ -195,9 +329,9 @@ impl<'a> DescriptorIndex<'a> {
             while leaves > 1 && !(distance > bound) {
                 let half = leaves / 2;
                 let [low, high, right_low, right_high] = &self.nodes[node];
-                let left = (box_distance(&at, low, high), node + 1, first, half);
+                let left = (box_distance(at, low, high), node + 1, first, half);
                 let right = (
-                    box_distance(&at, right_low, right_high),
+                    box_distance(at, right_low, right_high),
                     node + half,
                     first + half,
                     leaves - half,
@@ -207,50 +341,71 @@ impl<'a> DescriptorIndex<'a> {
                 } else {
                     (left, right)
                 };
-                stack[top] = far;
-                top += 1;
+                // NaN counts as near.
+                if !(far.0 > bound) {
+                    stack[top] = far;
+                    top += 1;
+                }
                 (distance, node, first, leaves) = near;
             }
             if distance > bound {
                 continue;
             }
-            let lower = lane_distances(&at, &self.blocks[first]);
-            for (lower, &index) in lower.iter().zip(&self.order[first]) {
-                if *lower > bound {
-                    continue;
-                }
-                let Some(row) = descriptors.get(index as usize) else {
-                    continue;
-                };
-                let new = (squared_distance(query, row), index);
-                if new.0 <= limit && new.0 < f32::INFINITY && offer(found, k, new) {
-                    bound = self::bound(found[k - 1].0, reach);
-                }
+            let lower = lane_distances(at, &self.blocks[first]);
+            let mut any = false;
+            for lower in &lower {
+                any |= !(*lower > bound);
+            }
+            if any {
+                bound = leaf(&lower, &self.order[first], bound);
             }
         }
     }
 }
 
+/// A bound that nothing is within.
+const NOTHING: f32 = -1.0;
+
 /// Whether a descriptor can be near anything: not all zero, and finite.
-fn is_usable(d: &Descriptor) -> bool {
-    d.iter().any(|v| *v != 0.0) && d.iter().all(|v| v.is_finite())
+pub(crate) fn is_usable(d: &Descriptor) -> bool {
+    // Without branches, so that it is done many at a time.
+    const EXPONENT: u32 = 0x7F80_0000;
+    let (mut any, mut broken) = (0u32, 0u32);
+    for v in d {
+        let size = v.to_bits() << 1;
+        any |= size;
+        broken |= u32::from(size >= EXPONENT << 1);
+    }
+    any != 0 && broken == 0
 }
 
-/// The squared distance, summed over the dimensions in order.
-#[inline]
-fn squared_distance(query: &Descriptor, row: &Descriptor) -> f32 {
+/// The squared distance, summed over the dimensions in order; some value above `most` where it is above.
+#[inline(always)]
+fn squared_distance(query: &Descriptor, row: &Descriptor, most: f32) -> f32 {
+    const PART: usize = DIMENSIONS / 3;
     let mut sum = 0.0;
-    for d in 0..DIMENSIONS {
-        let d = row[d] - query[d];
-        sum += d * d;
+    for part in 0..3 {
+        for d in part * PART..(part + 1) * PART {
+            let d = row[d] - query[d];
+            sum += d * d;
+        }
+        // It only grows.
+        if sum > most {
+            break;
+        }
     }
     sum
 }
 
+/// The order of those near: by squared distance, then by index.
+#[inline(always)]
+pub(crate) fn before(a: (f32, u32), b: (f32, u32)) -> bool {
+    a.0 < b.0 || (a.0 == b.0 && a.1 < b.1)
+}
+
 /// Puts `new` into the list of at most `k`. Whether the list is full and its last has changed.
 #[inline]
-fn offer(found: &mut Vec<(f32, u32)>, k: usize, new: (f32, u32)) -> bool {
-    let before = |a: (f32, u32), b: (f32, u32)| a.0 < b.0 || (a.0 == b.0 && a.1 < b.1);
+pub(crate) fn offer(found: &mut Vec<(f32, u32)>, k: usize, new: (f32, u32)) -> bool {
     if found.len() == k {
         match found.last() {
             Some(last) if before(new, *last) => found.pop(),
@@ -274,6 +429,7 @@ fn offer(found: &mut Vec<(f32, u32)>, k: usize, new: (f32, u32)) -> bool {
 /// coordinates: theirs to `f32`, 6·10⁻⁸ of the length of each of the two, in each of 12 places, below
 /// 5·10⁻⁷ of the longer. A descriptor within the limit lies no further out than `reach` plus the
 /// distance, so that 10⁻⁶ of this covers them. The last term stands for squares that underflow.
+#[inline(always)]
 fn bound(limit: f32, reach: f32) -> f32 {
     let distance = limit.sqrt();
     let margin = 1e-5 * distance + 1e-6 * (reach + distance) + 1e-18;
@@ -282,7 +438,7 @@ fn bound(limit: f32, reach: f32) -> f32 {
 }
 
 /// Squared distance of coordinates from a box. NaN counts as inside.
-#[inline]
+#[inline(always)]
 fn box_distance(
     at: &[f32; COORDINATES],
     low: &[f32; COORDINATES],
@@ -300,7 +456,7 @@ fn box_distance(
 }
 
 /// Squared distances of coordinates from those of a leaf.
-#[inline]
+#[inline(always)]
 fn lane_distances(at: &[f32; COORDINATES], block: &Block) -> [f32; LANES] {
     let mut sums = [0.0f32; LANES];
     for (x, row) in at.iter().zip(block) {

@@ -1,14 +1,18 @@
 //! Descriptor matching: nearest neighbours by Euclidean distance in descriptor space.
 //!
-//! Exact, by a [`DescriptorIndex`] over each side's descriptors.
+//! Exact: by a [`DescriptorIndex`] over each side's descriptors, or one by one where they are few.
 
 use rayon::prelude::*;
 
 use crate::cancel;
 use crate::columns::Memory;
 use crate::config::MatchingConfig;
-use crate::descriptor_index::{DescriptorIndex, build};
+use crate::descriptor_index::{DescriptorIndex, Seen, build};
 use crate::fpfh::Descriptor;
+
+mod tiles;
+
+use tiles::Tiles;
 
 /// A query keypoint and a map keypoint that look alike.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,8 +42,48 @@ pub fn match_descriptors(
     map: &[Descriptor],
     config: &MatchingConfig,
 ) -> Vec<Correspondence> {
+    if map.len() <= FEW {
+        return match_few(query, map, config);
+    }
     let Ok(index) = build(map, &Memory);
     match_indexed(query, map, &index.view(), config)
+}
+
+/// So many map descriptors are compared one by one.
+const FEW: usize = 2048;
+/// Searches that one thread does in a row, at least.
+const RUN: usize = 16;
+
+fn match_few(
+    query: &[Descriptor],
+    map: &[Descriptor],
+    config: &MatchingConfig,
+) -> Vec<Correspondence> {
+    let tiles = Tiles::of(map);
+    let mut lists: Vec<Nearest> = query
+        .par_iter()
+        .with_min_len(RUN)
+        .map(|q| {
+            cancel::check();
+            let mut found = Nearest::new();
+            tiles.nearest_within(q, asked(config), f32::INFINITY, &mut found);
+            accepted(found, config)
+        })
+        .collect();
+    if config.mutual && config.neighbours > 0 {
+        let tiles = Tiles::of(query);
+        if config.neighbours == 1 {
+            keep_each_others(&mut lists, |claims| {
+                let first = |&(m, d2, q): &Claim| !tiles.any_before(&map[m as usize], (d2, q));
+                claims.par_iter().with_min_len(RUN).map(first).collect()
+            });
+        } else {
+            keep_mutual(&mut lists, map, |d, limit, found| {
+                tiles.nearest_within(d, config.neighbours, limit, found);
+            });
+        }
+    }
+    flat(lists)
 }
 
 /// [`match_descriptors`] with an index at hand that was built from the map's descriptors.
@@ -50,31 +94,71 @@ pub fn match_indexed(
     map_index: &DescriptorIndex<'_>,
     config: &MatchingConfig,
 ) -> Vec<Correspondence> {
-    let k = config.neighbours;
-    if k == 0 {
-        return Vec::new();
-    }
-    let ratio_test = config.ratio < 1.0;
-    let mut lists: Vec<Nearest> = query
+    let seen = map_index.see(query);
+    // Like ones follow each other, so that what they look at is in the cache.
+    let order = map_index.in_order(&seen);
+    let found: Vec<Nearest> = order
         .par_iter()
-        .map(|q| {
+        .map(|&i| {
             cancel::check();
+            let i = i as usize;
             let mut found = Nearest::new();
-            map_index.nearest(map, q, k.saturating_add(ratio_test.into()), &mut found);
-            #[expect(clippy::cast_possible_truncation, reason = "a ratio")]
-            let ratio = config.ratio as f32;
-            if let (true, Some(first), Some(next)) = (ratio_test, found.first(), found.get(k))
-                && first.0.sqrt() >= ratio * next.0.sqrt()
-            {
-                found.clear();
-            }
-            found.truncate(k);
-            found
+            let query = (&query[i], &seen[i]);
+            map_index.nearest_seen(map, query, asked(config), f32::INFINITY, &mut found);
+            accepted(found, config)
         })
         .collect();
-    if config.mutual {
-        keep_mutual(&mut lists, query, map, k);
+    let mut lists = vec![Nearest::new(); query.len()];
+    for (list, i) in found.into_iter().zip(order) {
+        lists[i as usize] = list;
     }
+    if config.mutual && config.neighbours > 0 {
+        let index = map_index.over_seen(query, &seen);
+        let index = index.view();
+        if config.neighbours == 1 {
+            keep_each_others(&mut lists, |claims| {
+                let claimed: Vec<Descriptor> = claims.iter().map(|c| map[c.0 as usize]).collect();
+                let seen = index.see(&claimed);
+                let first = |(&(_, d2, q), m): (&Claim, (&Descriptor, &Seen))| {
+                    !index.any_before(query, m, (d2, q))
+                };
+                let asked = claims.par_iter().zip(claimed.par_iter().zip(&seen));
+                asked.map(first).collect()
+            });
+        } else {
+            keep_mutual(&mut lists, map, |d, limit, found| {
+                index.nearest_within(query, d, config.neighbours, limit, found);
+            });
+        }
+    }
+    flat(lists)
+}
+
+/// How many nearest ones are looked for.
+fn asked(config: &MatchingConfig) -> usize {
+    match config.neighbours {
+        0 => 0,
+        k => k.saturating_add((config.ratio < 1.0).into()),
+    }
+}
+
+/// Of the nearest that were found, those that are matches.
+fn accepted(mut found: Nearest, config: &MatchingConfig) -> Nearest {
+    #[expect(clippy::cast_possible_truncation, reason = "a ratio")]
+    let ratio = config.ratio as f32;
+    if let (true, Some(first), Some(next)) = (
+        config.ratio < 1.0,
+        found.first(),
+        found.get(config.neighbours),
+    ) && first.0.sqrt() >= ratio * next.0.sqrt()
+    {
+        found.clear();
+    }
+    found.truncate(config.neighbours);
+    found
+}
+
+fn flat(lists: Vec<Nearest>) -> Vec<Correspondence> {
     (0u32..)
         .zip(lists)
         .flat_map(|(query, list)| {
@@ -87,10 +171,35 @@ pub fn match_indexed(
         .collect()
 }
 
-/// Of each query descriptor's matches, keeps those whose map descriptor has it among its `k` nearest.
-fn keep_mutual(lists: &mut [Nearest], query: &[Descriptor], map: &[Descriptor], k: usize) {
-    let Ok(index) = build(query, &Memory);
-    let index = index.view();
+/// A match as the map sees it: map descriptor, squared distance, query descriptor.
+type Claim = (u32, f32, u32);
+
+/// Of single matches, keeps those whose map descriptor has no nearer query descriptor, as `first` says of each.
+fn keep_each_others(lists: &mut [Nearest], first: impl Fn(&[Claim]) -> Vec<bool>) {
+    // Of those that found the same one the nearest alone can be its own nearest.
+    let mut claims: Vec<Claim> = (0u32..)
+        .zip(&*lists)
+        .flat_map(|(q, list)| list.iter().map(move |&(d2, m)| (m, d2, q)))
+        .collect();
+    claims
+        .par_sort_unstable_by(|a, b| (a.0.cmp(&b.0).then(a.1.total_cmp(&b.1))).then(a.2.cmp(&b.2)));
+    claims.dedup_by_key(|c| c.0);
+    let kept = first(&claims);
+    for list in &mut *lists {
+        list.clear();
+    }
+    for (&(m, d2, q), _) in claims.iter().zip(kept).filter(|(_, kept)| *kept) {
+        lists[q as usize].push((d2, m));
+    }
+}
+
+/// Of each query descriptor's matches, keeps those whose map descriptor has it among its nearest, which `nearest`
+/// finds within a squared distance.
+fn keep_mutual(
+    lists: &mut [Nearest],
+    map: &[Descriptor],
+    nearest: impl Fn(&Descriptor, f32, &mut Nearest) + Sync,
+) {
     // Only what was matched is asked back, and no further than its furthest match.
     let mut asked: Vec<(u32, f32)> = lists.iter().flatten().map(|&(d2, m)| (m, d2)).collect();
     asked.par_sort_unstable_by(|a, b| a.0.cmp(&b.0).then(b.1.total_cmp(&a.1)));
@@ -101,7 +210,7 @@ fn keep_mutual(lists: &mut [Nearest], query: &[Descriptor], map: &[Descriptor], 
             cancel::check();
             let mut found = Nearest::new();
             if let Some(d) = map.get(m as usize) {
-                index.nearest_within(query, d, k, limit, &mut found);
+                nearest(d, limit, &mut found);
             }
             found
         })
@@ -172,6 +281,12 @@ mod tests {
             let mutual: Vec<(u32, u32)> = all.into_iter().filter(|&(i, j)| back[j as usize].iter().any(|b| b.1 == i)).collect();
             let ours: Vec<(u32, u32)> = match_descriptors(&q, &d, &config(k, true, 1.0)).iter().map(|c| (c.query, c.map)).collect();
             prop_assert_eq!(ours, mutual);
+            // The other way of the two.
+            let Ok(index) = build(&d, &Memory);
+            for mutual in [false, true] {
+                let config = config(k, mutual, 1.0);
+                prop_assert_eq!(match_indexed(&q, &d, &index.view(), &config), match_few(&q, &d, &config));
+            }
         }
     }
 
@@ -245,7 +360,10 @@ mod tests {
                 }
             }
             let config = config(k, mutual, ratio.min(1.0));
-            prop_assert_eq!(match_descriptors(&q, &d, &config), plainly(&q, &d, &config));
+            let expected = plainly(&q, &d, &config);
+            prop_assert_eq!(&match_descriptors(&q, &d, &config), &expected);
+            let Ok(index) = build(&d, &Memory);
+            prop_assert_eq!(&match_indexed(&q, &d, &index.view(), &config), &expected);
         }
     }
 

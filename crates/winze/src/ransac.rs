@@ -7,9 +7,12 @@
 //! on them, and the best distinct ones are kept: one answer would hide the rivals. Distinctness holds
 //! within each block already, so that a place with much support cannot crowd out its twin.
 //!
-//! Samples are drawn in blocks, each from a random stream of its own, in rounds of a fixed number of blocks;
+//! Samples are drawn in blocks, each from a random stream of its own, in rounds of so many blocks;
 //! the round, not the thread, decides when to stop. The answer is therefore the same at any thread count.
+//!
+//! Edges and poses are looked at in `f32` first (`rough`), which dismisses nearly all; what is left is decided in `f64`.
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::cancel;
@@ -19,6 +22,10 @@ use crate::fit::fit_rigid;
 use crate::matching::Correspondence;
 use crate::pose::Pose;
 use crate::rng::Rng;
+
+mod rough;
+
+use rough::Rough;
 
 /// A pose that some correspondences agree on.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,8 +49,10 @@ impl Hypothesis {
 
     /// The two poses differ by less than `merge` metres at the query's point `at`, and by less than 15°.
     pub(crate) fn same_place(&self, other: &Self, at: [f64; 3], merge: f64) -> bool {
-        let d = self.map_from_query.distance(&other.map_from_query, at);
-        d.translation < merge && d.rotation < SAME_ANGLE
+        let (a, b) = (&self.map_from_query, &other.map_from_query);
+        // The angle takes most of the time, and most poses lie apart.
+        let apart = Vector3::from(a.transform(at)) - Vector3::from(b.transform(at));
+        apart.norm() < merge && a.distance(b, at).rotation < SAME_ANGLE
     }
 }
 
@@ -58,14 +67,19 @@ pub struct Estimate {
 
 /// Samples a block draws.
 const BLOCK: u64 = 4_096;
-/// Blocks a round holds.
+/// Samples whose edges are looked at together.
+const BATCH: usize = 128;
+/// Blocks a round holds at most. Where less is asked for it starts with that, at least one, and grows with what was drawn.
 const ROUND: u64 = 16;
 /// Distinct candidates a block hands on.
 const KEPT: usize = 8;
 /// Poses that differ by less than this angle, radians (15°), and by less than the distinct distance are one.
 const SAME_ANGLE: f64 = 0.261_799_388;
 
-/// Pairs of points, split by coordinate for the inlier count.
+/// Three pairs.
+type Sample = [u32; 3];
+
+/// Pairs of points.
 struct Pairs {
     query: Vec<[f64; 3]>,
     map: Vec<[f64; 3]>,
@@ -75,6 +89,7 @@ struct Pairs {
     middle: [f64; 3],
     /// Poses nearer than this there are one, metres.
     merge: f64,
+    rough: Rough,
 }
 
 /// Poses for `correspondences` between the keypoints of `query` and `map`, at the pipeline's
@@ -97,17 +112,19 @@ pub fn estimate(
         .iter()
         .map(|c| query.points[c.query as usize].map(f64::from))
         .collect();
+    let map_points: Vec<[f64; 3]> = correspondences
+        .iter()
+        .map(|c| map.points[c.map as usize].map(f64::from))
+        .collect();
     #[expect(clippy::cast_precision_loss, reason = "a count")]
     let pairs = Pairs {
         middle: std::array::from_fn(|a| {
             query_points.iter().map(|p| p[a]).sum::<f64>() / query_points.len().max(1) as f64
         }),
         merge: config.distinct_distance.metres(voxel),
+        rough: Rough::new(&query_points, &map_points),
         query: query_points,
-        map: correspondences
-            .iter()
-            .map(|c| map.points[c.map as usize].map(f64::from))
-            .collect(),
+        map: map_points,
         keypoint: correspondences.iter().map(|c| c.query).collect(),
     };
     let n = pairs.query.len();
@@ -118,8 +135,15 @@ pub fn estimate(
     let max_samples = config.max_samples as u64;
     let mut pool: Vec<Hypothesis> = Vec::new();
     let (mut samples, mut needed, mut block) = (0, max_samples, 0);
+    let first_round = config.min_samples as u64 / BLOCK;
     while samples < needed {
-        let found: Vec<Vec<Hypothesis>> = (block..block + ROUND)
+        let round = if first_round < ROUND {
+            let enough = (needed - samples).div_ceil(BLOCK);
+            block.max(first_round).min(enough).clamp(1, ROUND)
+        } else {
+            ROUND
+        };
+        let found: Vec<Vec<Hypothesis>> = (block..block + round)
             .into_par_iter()
             .map(|b| {
                 cancel::check();
@@ -128,8 +152,8 @@ pub fn estimate(
                 sample_block(&pairs, config, limit, voxel, rng, draws, &plausible)
             })
             .collect();
-        block += ROUND;
-        samples = (samples + BLOCK * ROUND).min(max_samples);
+        block += round;
+        samples = (samples + BLOCK * round).min(max_samples);
         pool.extend(found.into_iter().flatten());
         pool = distinct(pool, &pairs, limit, config.hypotheses);
         if let Some(best) = pool.first() {
@@ -181,43 +205,72 @@ fn sample_block(
 ) -> Vec<Hypothesis> {
     let n = u32::try_from(pairs.query.len()).unwrap_or(u32::MAX);
     let min_edge = config.min_edge.metres(voxel);
-    let mut kept: Vec<Hypothesis> = Vec::new();
-    for _ in 0..draws {
-        let sample = [
-            rng.below(n) as usize,
-            rng.below(n) as usize,
-            rng.below(n) as usize,
-        ];
-        if !edges_agree(pairs, sample, config.edge_similarity, min_edge) {
-            continue;
+    let limits = pairs.rough.edge_limits(config.edge_similarity, min_edge);
+    let mut block = Block {
+        pairs,
+        config,
+        limit,
+        kept: Vec::new(),
+        within: Vec::new(),
+    };
+    let mut left = draws;
+    let mut samples = [[0; 3]; BATCH];
+    while left > 0 {
+        let drawn = left.min(BATCH as u64);
+        left -= drawn;
+        let draw = || [rng.below(n), rng.below(n), rng.below(n)];
+        let promising = pairs.rough.sift(drawn as usize, draw, &mut samples, limits);
+        for sample in &samples[..promising] {
+            let sample = sample.map(|i| i as usize);
+            if edges_agree(pairs, sample, config.edge_similarity, min_edge) {
+                block.pursue(sample, plausible);
+            }
         }
+    }
+    block.kept
+}
+
+/// What a block has found, and what it needs.
+struct Block<'a> {
+    pairs: &'a Pairs,
+    config: &'a RansacConfig,
+    limit: f64,
+    kept: Vec<Hypothesis>,
+    /// Scratch: the pairs near enough under a pose.
+    within: Vec<u32>,
+}
+
+impl Block<'_> {
+    /// Makes a pose of a sample and keeps it, refined, where it is one of the best.
+    fn pursue(&mut self, sample: [usize; 3], plausible: &impl Fn(&Pose) -> bool) {
+        let (pairs, limit) = (self.pairs, self.limit);
         let Some(pose) = fit_rigid(sample.iter().map(|&i| (pairs.query[i], pairs.map[i], 1.0)))
         else {
-            continue;
+            return;
         };
         if !plausible(&pose) {
-            continue;
+            return;
         }
-        let raw = hypothesis(pairs, pose, limit);
-        let enough = kept.len() < KEPT || raw.inliers > kept[kept.len() - 1].inliers;
+        let raw = hypothesis(pairs, pose, limit, &mut self.within);
+        let enough = self.kept.len() < KEPT || raw.inliers > self.kept[self.kept.len() - 1].inliers;
         let better = |h: &Hypothesis, kept: &[Hypothesis]| {
             !kept
                 .iter()
                 .any(|k| k.support(limit) >= h.support(limit) && pairs.same_place(k, h))
         };
-        if raw.inliers < config.min_inliers || !enough || !better(&raw, &kept) {
-            continue;
+        if raw.inliers < self.config.min_inliers || !enough || !better(&raw, &self.kept) {
+            return;
         }
-        let refined = refit(pairs, &pose, limit);
-        if !plausible(&refined.map_from_query) || !better(&refined, &kept) {
-            continue;
+        let refined = refit(pairs, raw, limit, &mut self.within);
+        if !plausible(&refined.map_from_query) || !better(&refined, &self.kept) {
+            return;
         }
+        let kept = &mut self.kept;
         kept.retain(|h| !pairs.same_place(h, &refined));
         let at = kept.partition_point(|h| h.support(limit) >= refined.support(limit));
         kept.insert(at, refined);
         kept.truncate(KEPT);
     }
-    kept
 }
 
 /// All three edges are long enough and similar in both clouds.
@@ -234,12 +287,14 @@ fn edges_agree(pairs: &Pairs, sample: [usize; 3], similarity: f64, min_edge: f64
     true
 }
 
-/// Inliers (a query keypoint counted once) and the sum of their squared distances.
-fn score(pairs: &Pairs, pose: &Pose, limit: f64) -> (usize, f64) {
+/// Of the pairs `among`, inliers (a query keypoint counted once) and the sum of their squared distances.
+fn score(pairs: &Pairs, pose: &Pose, limit: f64, among: &[u32]) -> (usize, f64) {
     let (r, t) = (pose.rotation(), pose.translation_vector());
     let limit2 = limit * limit;
     let (mut inliers, mut sum, mut last) = (0, 0.0, u32::MAX);
-    for ((q, m), &k) in pairs.query.iter().zip(&pairs.map).zip(&pairs.keypoint) {
+    for &i in among {
+        let i = i as usize;
+        let (q, m, k) = (&pairs.query[i], &pairs.map[i], pairs.keypoint[i]);
         let d2: f64 = (0..3)
             .map(|i| {
                 let v = r[(i, 0)] * q[0] + r[(i, 1)] * q[1] + r[(i, 2)] * q[2] + t[i] - m[i];
@@ -255,20 +310,21 @@ fn score(pairs: &Pairs, pose: &Pose, limit: f64) -> (usize, f64) {
     (inliers, sum)
 }
 
-/// Least-squares fits on the inliers, repeated while they gain inliers.
-fn refit(pairs: &Pairs, start: &Pose, limit: f64) -> Hypothesis {
-    let mut best = hypothesis(pairs, *start, limit);
+/// Least-squares fits on the inliers, repeated while they gain inliers, from `best`, whose pairs `within` holds.
+fn refit(pairs: &Pairs, mut best: Hypothesis, limit: f64, within: &mut Vec<u32>) -> Hypothesis {
     for _ in 0..8 {
-        let inside = |i: &usize| {
-            let p = best.map_from_query.transform(pairs.query[*i]);
-            squared_distance(p, pairs.map[*i]) <= limit * limit
-        };
-        let inliers: Vec<usize> = (0..pairs.query.len()).filter(inside).collect();
-        let Some(pose) = fit_rigid(inliers.iter().map(|&i| (pairs.query[i], pairs.map[i], 1.0)))
-        else {
+        within.retain(|&i| {
+            let i = i as usize;
+            let p = best.map_from_query.transform(pairs.query[i]);
+            squared_distance(p, pairs.map[i]) <= limit * limit
+        });
+        let inliers = within
+            .iter()
+            .map(|&i| (pairs.query[i as usize], pairs.map[i as usize], 1.0));
+        let Some(pose) = fit_rigid(inliers) else {
             break;
         };
-        let next = hypothesis(pairs, pose, limit);
+        let next = hypothesis(pairs, pose, limit, within);
         if next.support(limit) <= best.support(limit) {
             break;
         }
@@ -277,8 +333,10 @@ fn refit(pairs: &Pairs, start: &Pose, limit: f64) -> Hypothesis {
     best
 }
 
-fn hypothesis(pairs: &Pairs, pose: Pose, limit: f64) -> Hypothesis {
-    let (inliers, sum) = score(pairs, &pose, limit);
+/// What a pose is worth. Pairs that may be within the limit are left in `within`.
+fn hypothesis(pairs: &Pairs, pose: Pose, limit: f64, within: &mut Vec<u32>) -> Hypothesis {
+    pairs.rough.within(&pose, limit, within);
+    let (inliers, sum) = score(pairs, &pose, limit, within);
     #[expect(clippy::cast_precision_loss, reason = "a count")]
     let rmse = (sum / inliers.max(1) as f64).sqrt();
     Hypothesis {

@@ -2,10 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::frame::{frame, project};
-use super::{Block, COORDINATES, IndexColumns, LANES, Node, Order, is_usable};
+use super::frame::{GROUP, frame, project};
+use super::{Block, COORDINATES, IndexColumns, LANES, Node, Order, Seen, is_usable};
 use crate::cancel;
-use crate::columns::Columns;
+use crate::columns::{Columns, Memory};
 use crate::fpfh::Descriptor;
 
 /// Descriptors that are projected as one piece of work.
@@ -38,21 +38,78 @@ pub fn build<C: Columns>(
         .zip(descriptors.par_chunks(CHUNK))
         .enumerate()
         .for_each(|(c, (items, descriptors))| {
-            #[expect(clippy::cast_possible_truncation, reason = "below 2^32 descriptors")]
-            for (i, (item, d)) in (c * CHUNK..).zip(items.iter_mut().zip(descriptors)) {
-                let usable = is_usable(d);
-                let at = if usable {
-                    project(&frame, d).0
-                } else {
-                    [0.0; COORDINATES]
-                };
-                for (bits, v) in item.iter_mut().zip(at) {
-                    *bits = v.to_bits();
+            let groups = items.chunks_mut(GROUP).zip(descriptors.chunks(GROUP));
+            for (g, (items, descriptors)) in groups.enumerate() {
+                let seen = see(&frame, descriptors);
+                for (l, (d, seen)) in descriptors.iter().zip(&seen).enumerate() {
+                    items[l] = item(c * CHUNK + g * GROUP + l, d, seen);
                 }
-                item[COORDINATES] = if usable { i as u32 } else { u32::MAX };
             }
         });
-    let items: &mut [Item] = &mut scratch;
+    arrange(frame, &mut scratch, columns)
+}
+
+/// The index over descriptors that were `seen` in `frame`.
+pub(super) fn build_seen(
+    frame: &[Descriptor],
+    descriptors: &[Descriptor],
+    seen: &[Seen],
+) -> IndexColumns<Memory> {
+    let both = descriptors.iter().zip(seen).take(u32::MAX as usize);
+    let mut items: Vec<Item> = both
+        .enumerate()
+        .map(|(i, (d, seen))| item(i, d, seen))
+        .collect();
+    let Ok(index) = arrange(frame.to_vec(), &mut items, &Memory);
+    index
+}
+
+/// How at most [`GROUP`] descriptors are seen in a frame.
+fn see(frame: &[Descriptor], group: &[Descriptor]) -> [Seen; GROUP] {
+    match group.split_first() {
+        Some((first, _)) => project(
+            frame,
+            std::array::from_fn(|l| group.get(l).unwrap_or(first)),
+        ),
+        None => [Seen::default(); GROUP],
+    }
+}
+
+/// How descriptors are seen in a frame.
+pub(super) fn see_all(frame: &[Descriptor], descriptors: &[Descriptor]) -> Vec<Seen> {
+    let mut out = vec![Seen::default(); descriptors.len()];
+    out.par_chunks_mut(CHUNK)
+        .zip(descriptors.par_chunks(CHUNK))
+        .for_each(|(out, descriptors)| {
+            cancel::check();
+            for (out, group) in out.chunks_mut(GROUP).zip(descriptors.chunks(GROUP)) {
+                out.copy_from_slice(&see(frame, group)[..group.len()]);
+            }
+        });
+    out
+}
+
+fn item(i: usize, d: &Descriptor, seen: &Seen) -> Item {
+    let mut item = [0; COORDINATES + 1];
+    if is_usable(d) {
+        for (bits, v) in item.iter_mut().zip(seen.at) {
+            *bits = v.to_bits();
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "below 2^32 descriptors")]
+        let i = i as u32;
+        item[COORDINATES] = i;
+    } else {
+        item[COORDINATES] = u32::MAX;
+    }
+    item
+}
+
+/// The index over `items`.
+fn arrange<C: Columns>(
+    frame: Vec<Descriptor>,
+    items: &mut [Item],
+    columns: &C,
+) -> Result<IndexColumns<C>, C::Error> {
     let mut count = 0;
     for i in 0..items.len() {
         if items[i][COORDINATES] != u32::MAX {

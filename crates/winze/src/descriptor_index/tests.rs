@@ -15,7 +15,7 @@ fn brute(map: &[Descriptor], query: &Descriptor, k: usize, limit: f32) -> Vec<(f
     let mut all: Vec<(f32, u32)> = (0u32..)
         .zip(map)
         .filter(|(_, m)| is_usable(m) && is_usable(query))
-        .map(|(i, m)| (squared_distance(query, m), i))
+        .map(|(i, m)| (squared_distance(query, m, f32::INFINITY), i))
         .filter(|(d, _)| *d <= limit && d.is_finite())
         .collect();
     all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
