@@ -88,11 +88,20 @@ impl TreeColumns<Memory> {
     }
 }
 
-/// A point as bits, with its index.
+/// A point's coordinates as numbers that are ordered as they are, and its index.
 type Item = [u32; 4];
 
-fn coordinate(item: &Item, axis: usize) -> f32 {
-    f32::from_bits(item[axis])
+/// The bits of a float so that whole numbers are ordered as [`f32::total_cmp`] orders floats.
+fn ordered(v: f32) -> u32 {
+    let bits = v.to_bits();
+    let negative = bits >> 31 == 1;
+    bits ^ if negative { u32::MAX } else { 1 << 31 }
+}
+
+/// The float of [`ordered`] bits.
+fn unordered(bits: u32) -> f32 {
+    let negative = bits >> 31 == 0;
+    f32::from_bits(bits ^ if negative { u32::MAX } else { 1 << 31 })
 }
 
 /// Builds the tree over `points` in `columns`, on all threads of the current pool, as
@@ -106,7 +115,7 @@ pub fn build_in<C: Columns>(points: &[[f32; 3]], columns: &C) -> Result<TreeColu
     let mut items = columns.zeros::<Item>(count)?;
     let usable = (0u32..).zip(points).filter(|(_, p)| finite(p));
     for (item, (index, p)) in items.iter_mut().zip(usable) {
-        *item = [p[0].to_bits(), p[1].to_bits(), p[2].to_bits(), index];
+        *item = [ordered(p[0]), ordered(p[1]), ordered(p[2]), index];
     }
     let nodes = if count == 0 { 0 } else { node_count(count) };
     let mut nodes = columns.zeros::<Node>(nodes)?;
@@ -121,7 +130,7 @@ pub fn build_in<C: Columns>(points: &[[f32; 3]], columns: &C) -> Result<TreeColu
     for (a, axis) in axes.iter_mut().enumerate() {
         axis.par_iter_mut()
             .zip(items.par_iter())
-            .for_each(|(v, i)| *v = coordinate(i, a));
+            .for_each(|(v, i)| *v = unordered(i[a]));
     }
     let mut order = columns.zeros(count)?;
     order
@@ -185,16 +194,6 @@ impl<'a> KdTree<'a> {
             return place as u32;
         }
         self.order[place]
-    }
-
-    /// Adds the original indices of the points at places in leaf order.
-    pub(crate) fn names(&self, places: std::ops::Range<usize>, to: &mut Vec<u32>) {
-        if self.order.is_empty() {
-            #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 points")]
-            to.extend(places.start as u32..places.end as u32);
-        } else {
-            to.extend_from_slice(&self.order[places]);
-        }
     }
 
     /// Original indices in leaf order: neighbours in space are near each other in this list, so
@@ -464,12 +463,10 @@ fn split(items: &mut [Item], start: usize, nodes: &mut [Node]) {
     }
     let axis = widest_axis(items);
     let middle = items.len() / 2;
-    let (_, pivot, _) = items.select_nth_unstable_by(middle, |a, b| {
-        coordinate(a, axis)
-            .total_cmp(&coordinate(b, axis))
-            .then(a[3].cmp(&b[3]))
-    });
-    let at = pivot[axis];
+    // By coordinate, then by index, as one number.
+    let key = |item: &Item| u64::from(item[axis]) << 32 | u64::from(item[3]);
+    let (_, pivot, _) = items.select_nth_unstable_by(middle, |a, b| key(a).cmp(&key(b)));
+    let at = unordered(pivot[axis]).to_bits();
     let (left, right) = items.split_at_mut(middle);
     let (left_nodes, right_nodes) = nodes.split_at_mut(node_count(middle));
     #[expect(clippy::cast_possible_truncation, reason = "fewer nodes than points")]
@@ -530,16 +527,17 @@ fn is_tree(nodes: &[Node], count: usize) -> bool {
 }
 
 fn widest_axis(items: &[Item]) -> usize {
-    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    let (mut low, mut high) = ([u32::MAX; 4], [0; 4]);
     for item in items {
-        for a in 0..3 {
-            low[a] = low[a].min(coordinate(item, a));
-            high[a] = high[a].max(coordinate(item, a));
+        for a in 0..4 {
+            low[a] = low[a].min(item[a]);
+            high[a] = high[a].max(item[a]);
         }
     }
+    let width = |axis: usize| unordered(high[axis]) - unordered(low[axis]);
     let mut axis = 0;
     for a in 1..3 {
-        if high[a] - low[a] > high[axis] - low[axis] {
+        if width(a) > width(axis) {
             axis = a;
         }
     }
