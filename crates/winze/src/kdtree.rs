@@ -13,6 +13,8 @@
 
 use std::borrow::Cow;
 
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, dispatch, f32x16};
 use rayon::prelude::*;
 
 use crate::cancel;
@@ -223,8 +225,9 @@ impl<'a> KdTree<'a> {
             index: u32::MAX,
             distance_squared: radius * radius,
         };
-        self.visit(query, best.distance_squared, |start, distances| {
-            for (i, &d) in distances.iter().enumerate() {
+        self.visit(query, best.distance_squared, |start, distances, within| {
+            for i in places(within) {
+                let d = distances[i];
                 if d <= best.distance_squared {
                     let index = self.name(start + i);
                     if d < best.distance_squared || index < best.index {
@@ -247,8 +250,9 @@ impl<'a> KdTree<'a> {
             index: u32::MAX,
             distance_squared: f32::INFINITY,
         };
-        self.visit(query, f32::INFINITY, |start, distances| {
-            for (i, &d) in distances.iter().enumerate() {
+        self.visit(query, f32::INFINITY, |start, distances, within| {
+            for i in places(within) {
+                let d = distances[i];
                 let index = self.name(start + i);
                 if d > 0.0
                     && (d < best.distance_squared
@@ -273,13 +277,14 @@ impl<'a> KdTree<'a> {
             return;
         }
         let limit = radius * radius;
-        self.visit(query, limit, |start, distances| {
+        self.visit(query, limit, |start, distances, within| {
             let mut worst = if found.len() == k {
                 found[k - 1].distance_squared
             } else {
                 limit
             };
-            for (i, &d) in distances.iter().enumerate() {
+            for i in places(within) {
+                let d = distances[i];
                 if d <= worst {
                     let new = Neighbour {
                         index: self.name(start + i),
@@ -311,10 +316,10 @@ impl<'a> KdTree<'a> {
     /// order.
     pub fn within(&self, query: [f32; 3], radius: f32, mut each: impl FnMut(u32, f32)) {
         let limit = radius * radius;
-        self.visit(query, limit, |start, distances| {
-            for (i, &d) in distances.iter().enumerate() {
-                if d <= limit && d.is_finite() {
-                    each(self.name(start + i), d);
+        self.visit(query, limit, |start, distances, within| {
+            for i in places(within) {
+                if distances[i].is_finite() {
+                    each(self.name(start + i), distances[i]);
                 }
             }
             limit
@@ -361,12 +366,26 @@ impl<'a> KdTree<'a> {
         }
     }
 
-    /// Walks the leaves that can hold points within `√limit`, near side first. `leaf` gets the
-    /// first position and the squared distances of its points, and answers the new limit.
-    fn visit(&self, q: [f32; 3], mut limit: f32, mut leaf: impl FnMut(usize, &[f32]) -> f32) {
+    /// Walks the leaves that can hold points within `√limit`, near side first. `leaf` gets the first position, the squared
+    /// distances of its points, and a bit for each of those within the limit; it answers the new limit.
+    fn visit(&self, q: [f32; 3], limit: f32, leaf: impl FnMut(usize, &[f32; LEAF], u64) -> f32) {
         if self.nodes.is_empty() || !q.iter().all(|v| v.is_finite()) {
             return;
         }
+        dispatch!(Level::new(), simd => simd.vectorize(
+            #[inline(always)]
+            || self.walk(simd, q, limit, leaf)
+        ));
+    }
+
+    #[inline(always)]
+    fn walk<S: Simd>(
+        &self,
+        simd: S,
+        q: [f32; 3],
+        mut limit: f32,
+        mut leaf: impl FnMut(usize, &[f32; LEAF], u64) -> f32,
+    ) {
         let nodes: &[Node] = &self.nodes;
         let [xs, ys, zs]: [&[f32]; 3] = self.axes.each_ref().map(|a| &**a);
         // (node, distance to its region along each axis)
@@ -381,18 +400,17 @@ impl<'a> KdTree<'a> {
             loop {
                 let [split, axis, a, b] = nodes[at as usize];
                 if axis == LEAF_MARK {
-                    let (start, end) = (a as usize, b as usize);
-                    let mut distances = [0.0f32; LEAF];
-                    let distances = &mut distances[..end - start];
-                    for (((d, x), y), z) in distances
-                        .iter_mut()
-                        .zip(&xs[start..end])
-                        .zip(&ys[start..end])
-                        .zip(&zs[start..end])
-                    {
-                        *d = squared([x - q[0], y - q[1], z - q[2]]);
+                    let (start, count) = (a as usize, (b - a) as usize);
+                    let x = lanes(simd, xs, start, count) - q[0];
+                    let y = lanes(simd, ys, start, count) - q[1];
+                    let z = lanes(simd, zs, start, count) - q[2];
+                    let d2 = (x * x + y * y) + z * z;
+                    let within = d2.simd_le(f32x16::splat(simd, limit)).to_bitmask();
+                    // What lies behind the leaf was looked at too.
+                    let within = within & ((1 << count) - 1);
+                    if within != 0 {
+                        limit = leaf(start, &d2.into(), within);
                     }
-                    limit = leaf(start, distances);
                     break;
                 }
                 let axis = axis as usize;
@@ -412,6 +430,27 @@ impl<'a> KdTree<'a> {
             }
         }
     }
+}
+
+/// The `count` coordinates from `start`, and some others behind them.
+#[inline(always)]
+fn lanes<S: Simd>(simd: S, axis: &[f32], start: usize, count: usize) -> f32x16<S> {
+    if let Some(whole) = axis.get(start..start + LEAF) {
+        return f32x16::from_slice(simd, whole);
+    }
+    let mut padded = [0.0; LEAF];
+    padded[..count].copy_from_slice(&axis[start..start + count]);
+    f32x16::from_slice(simd, &padded)
+}
+
+/// The places of the bits that are set, ascending.
+#[inline(always)]
+fn places(mut bits: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let place = bits.trailing_zeros() as usize;
+        bits &= bits.wrapping_sub(1);
+        (place < 64).then_some(place)
+    })
 }
 
 /// `cut` changed along one axis, without a detour through memory, which a store at a variable place would be.
