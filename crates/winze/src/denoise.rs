@@ -48,7 +48,7 @@ pub fn statistical(
 }
 
 /// As [`statistical`] with its `(neighbours, deviations)`: sets to 0 the marks of the points that go.
-/// `mean_distance` is scratch space, one a point. Quickest where points that follow each other are near each other.
+/// `mean_distance` is scratch space, one a point.
 pub(crate) fn mark_statistical(
     keep: &mut [u8],
     mean_distance: &mut [f64],
@@ -59,60 +59,81 @@ pub(crate) fn mark_statistical(
     if neighbours == 0 || points.len() < 2 {
         return;
     }
+    // Points that are not finite are not in the tree, and have no say.
+    let mean_distance = &mut mean_distance[..tree.len()];
     // One more than asked: the point finds itself, at no distance.
     let count = neighbours.saturating_add(1).min(tree.len());
-    let mean = |nearest: &[f32]| {
-        let sum: f64 = nearest.iter().map(|d| f64::from(*d).sqrt()).sum();
+    let mean = |sum: f64, found: usize| {
         #[expect(clippy::cast_precision_loss, reason = "a count")]
-        let others = (nearest.len().max(2) - 1) as f64;
+        let others = (found.max(2) - 1) as f64;
         sum / others
     };
+    let looked_up = |q: [f32; 3], found: &mut Vec<Neighbour>| {
+        tree.knn(q, count, f32::INFINITY, found);
+        let distances = found.iter().map(|n| f64::from(n.distance_squared).sqrt());
+        mean(distances.sum(), found.len())
+    };
+    let (_, [xs, ys, zs]) = tree.parts();
+    let at = |place: usize| [xs[place], ys[place], zs[place]];
+    // In the tree's order, in which points that follow each other are near each other.
     parallel::fill_groups(
         mean_distance,
         GROUP,
         Search::default,
-        |search, group| {
-            let mut reach = search.widest;
-            if reach <= 0.0 {
-                tree.knn(points[group.start], count, f32::INFINITY, &mut search.found);
-                reach = search.found.last().map_or(0.0, |n| n.distance_squared);
+        |search, group, means| {
+            let first = group.start;
+            let mut left = group;
+            while !left.is_empty() {
+                let mut reach = search.widest;
+                if reach <= 0.0 {
+                    tree.knn(at(left.start), count, f32::INFINITY, &mut search.found);
+                    reach = search.found.last().map_or(0.0, |n| n.distance_squared);
+                }
+                // Its neighbours' neighbours are about as far.
+                let most = MOST.max(8 * count);
+                let reach = FURTHER * reach.sqrt();
+                let together = search
+                    .near
+                    .gather_up_to(most, tree, reach, left.clone(), at);
+                left.start = together.end;
+                search.widest = 0.0;
+                for place in together {
+                    let found = search
+                        .near
+                        .distance_sum_of_nearest(at(place), count, search.last);
+                    means[place - first] = match found {
+                        Some((sum, limit)) => {
+                            search.widest = search.widest.max(limit);
+                            search.last = limit;
+                            mean(sum, count)
+                        }
+                        None => looked_up(at(place), &mut search.found),
+                    };
+                }
             }
-            // Its neighbours' neighbours are about as far.
-            let members = points[group].iter().copied();
-            let most = MOST.max(8 * count);
-            let reach = 1.3 * reach.sqrt();
-            search.near.gather_up_to(most, tree, reach, members);
-            search.widest = 0.0;
-        },
-        |search, i| {
-            if let Some(nearest) = search.near.nearest_of(tree, points[i], count) {
-                let last = nearest.last().copied().unwrap_or_default();
-                search.widest = search.widest.max(last);
-                return mean(nearest);
-            }
-            tree.knn(points[i], count, f32::INFINITY, &mut search.found);
-            search.nearest.clear();
-            let squared = search.found.iter().map(|n| n.distance_squared);
-            search.nearest.extend(squared);
-            mean(&search.nearest)
         },
     );
     let mean_distance = &*mean_distance;
     #[expect(clippy::cast_precision_loss, reason = "a count")]
-    let n = mean_distance.len() as f64;
+    let n = tree.len() as f64;
     let add = |a: &mut f64, b: f64| *a += b;
-    let mean = parallel::sum(points.len(), |a: &mut f64, i| *a += mean_distance[i], add) / n;
+    let mean = parallel::sum(tree.len(), |a: &mut f64, i| *a += mean_distance[i], add) / n;
     let square =
         |a: &mut f64, i: usize| *a += (mean_distance[i] - mean) * (mean_distance[i] - mean);
-    let variance = parallel::sum(points.len(), square, add) / (n - 1.0);
+    let variance = parallel::sum(tree.len(), square, add) / (n - 1.0);
     let limit = mean + deviations * variance.sqrt();
-    for (keep, d) in keep.iter_mut().zip(mean_distance) {
-        *keep &= u8::from(*d <= limit);
+    for (place, d) in mean_distance.iter().enumerate() {
+        if let Some(keep) = keep.get_mut(tree.name(place) as usize) {
+            *keep &= u8::from(*d <= limit);
+        }
     }
 }
 
 /// Points that a group looks at together, at most: where more lie near, as within a stray's reach, each is looked up alone.
-const MOST: usize = 4096;
+pub(crate) const MOST: usize = 4096;
+
+/// How much further than its neighbours' a point's neighbours are looked for.
+pub(crate) const FURTHER: f32 = 1.3;
 
 /// What a thread keeps from point to point.
 #[derive(Default)]
@@ -120,8 +141,9 @@ struct Search {
     near: Neighbours,
     /// Of the last group: the largest squared distance of a point to the last of its neighbours.
     widest: f32,
+    /// Within which squared distance the last point's neighbours were.
+    last: f32,
     found: Vec<Neighbour>,
-    nearest: Vec<f32>,
 }
 
 /// Radius outlier removal: a point is kept while at least `min_neighbours` others lie within
@@ -211,13 +233,14 @@ mod tests {
             (12, 3.0),
         );
         let mut found = Vec::new();
-        for (p, mean) in points.iter().zip(mean) {
-            tree.knn(*p, 13, f32::INFINITY, &mut found);
+        // One a point, in the tree's order.
+        for (i, mean) in tree.order().iter().zip(mean) {
+            tree.knn(points[*i as usize], 13, f32::INFINITY, &mut found);
             let sum: f64 = found
                 .iter()
                 .map(|n| f64::from(n.distance_squared).sqrt())
                 .sum();
-            assert_eq!(mean, sum / 12.0);
+            assert!((mean - sum / 12.0).abs() < 1e-6 * mean);
         }
     }
 

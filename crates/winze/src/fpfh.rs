@@ -10,14 +10,17 @@
 //! Order of the 33 numbers, as in PCL and Open3D: eleven bins of θ = atan2(w·n, u·n) over ±π, of
 //! α = v·n over ±1, of φ = u·d over ±1, in the Darboux frame u, v = d×u, w = u×v of the pair.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, dispatch, f32x16, u8x64};
 use rayon::prelude::*;
 
+use crate::cancel;
 use crate::columns::{Columns, Memory};
 use crate::config::{DescriptorVariant, FpfhConfig};
-use crate::kdtree::{KdTree, Neighbour};
-use crate::neighbours::{GROUP, Neighbours};
-use crate::parallel;
-use crate::simd;
+use crate::kdtree::KdTree;
+use crate::neighbours::{GROUP, LANES, Neighbours, offsets};
 
 /// Bins of one histogram.
 pub const BINS: usize = 11;
@@ -63,91 +66,321 @@ pub fn descriptors_in<C: Columns>(
     #[expect(clippy::cast_possible_truncation, reason = "a radius in metres")]
     let radius = config.radius.metres(voxel) as f32;
     let mut out = columns.zeros::<Descriptor>(keypoints.len())?;
-    // Where a point's SPFH is found in its block, one up; 0 for none.
-    let mut slot = columns.zeros::<u32>(points.len())?;
-    for (keypoints, out) in keypoints.chunks(BLOCK).zip(out.chunks_mut(BLOCK)) {
-        // SPFHs are wanted at the keypoints and all their neighbours, each once.
-        let at = |k: &u32| points[*k as usize];
-        let mut near: Vec<Vec<Neighbour>> = vec![Vec::new(); keypoints.len()];
-        // Keypoints lie apart: fewer of them share a walk.
-        parallel::fill_groups(
-            &mut near,
-            GROUP / 4,
-            Neighbours::default,
-            |near, group| near.gather(tree, radius, keypoints[group].iter().map(at)),
-            |near, k| near.of(tree, at(&keypoints[k])).to_vec(),
-        );
-        let mut needed: Vec<u32> = Vec::new();
-        for n in near.iter().flatten() {
-            let slot = &mut slot[n.index as usize];
-            if *slot == 0 {
-                *slot = 1;
-                needed.push(n.index);
-            }
-        }
-        // In memory order, so that those that follow each other share their neighbours.
-        needed.sort_unstable();
-        for (place, i) in (1u32..).zip(&needed) {
-            slot[*i as usize] = place;
+    // Where a point's SPFH is found in its block, one up; 0 for none. By its place in the tree's leaf order.
+    let mut slot = columns.zeros::<u32>(tree.len())?;
+    let ordered = by_place(keypoints, points.len(), tree, columns)?;
+    let seen: Vec<AtomicU64> = (0..tree.len().div_ceil(64)).map(|_| 0.into()).collect();
+    let cloud = Described {
+        normals,
+        tree,
+        radius,
+    };
+    for block in ordered.chunks(BLOCK) {
+        let places: Vec<u32> = block.iter().map(|[place, _]| *place).collect();
+        // SPFHs are wanted at the keypoints and all their neighbours, each once, in memory order, so that those that
+        // follow each other share their neighbours.
+        let needed = cloud.neighbours_of(&places, &seen);
+        for (number, place) in (1u32..).zip(&needed) {
+            slot[*place as usize] = number;
         }
         let mut spfh = vec![[0.0; DIMENSIONS]; needed.len()];
-        parallel::fill_groups(
-            &mut spfh,
-            GROUP,
-            Neighbours::default,
-            |near, group| near.gather(tree, radius, needed[group].iter().map(at)),
-            |near, s| {
-                let i = needed[s] as usize;
-                let found = near.of(tree, points[i]);
-                self::spfh(points, normals, i, found, config.unsigned)
-            },
-        );
-        let of = |i: u32| spfh.get((slot[i as usize] as usize).checked_sub(1)?);
-        out.par_iter_mut()
-            .zip(keypoints)
-            .zip(&near)
-            .for_each(|((out, &k), list)| {
-                if normals[k as usize] == [0.0; 3] {
-                    return;
+        cloud.by_groups(&needed, &mut spfh, |search, places, rows| {
+            search.take_normals(&cloud);
+            for (place, row) in places.iter().zip(rows) {
+                *row = search.spfh(
+                    cloud.at(*place),
+                    cloud.normal(*place),
+                    radius,
+                    config.unsigned,
+                );
+            }
+        });
+        let mut made = vec![[0.0; DIMENSIONS]; places.len()];
+        cloud.by_groups(&places, &mut made, |search, places, made| {
+            search.take_slots(&slot);
+            for (place, made) in places.iter().zip(made) {
+                // A keypoint without a normal has no number for a place.
+                let own = slot[*place as usize] as usize;
+                if let Some(own) = own.checked_sub(1).and_then(|own| spfh.get(own)) {
+                    let (sum, count) =
+                        search.weighed(&spfh, cloud.at(*place), radius, config.variant);
+                    *made = finished(sum, count, own, config.variant);
                 }
-                // A point that is not even its own neighbour has no number for a place.
-                let Some(own) = of(k) else {
-                    return;
-                };
-                let others = list
-                    .iter()
-                    .filter(|n| n.index != k && normals[n.index as usize] != [0.0; 3])
-                    .filter_map(|n| Some((n.distance_squared, of(n.index)?)));
-                *out = weigh(own, others, config.variant);
-            });
-        for i in needed {
-            slot[i as usize] = 0;
+            }
+        });
+        for ([_, which], made) in block.iter().zip(made) {
+            out[*which as usize] = made;
+        }
+        for place in needed {
+            slot[place as usize] = 0;
         }
     }
     Ok(out)
 }
 
-/// Sums neighbours' SPFHs, given with their squared distances, into one FPFH.
-fn weigh<'a>(
-    own: &Descriptor,
-    others: impl Iterator<Item = (f32, &'a Descriptor)>,
-    variant: DescriptorVariant,
-) -> Descriptor {
-    let mut sum = [0.0f32; DIMENSIONS];
-    let mut count = 0.0f32;
-    for (d2, spfh) in others {
-        if d2 <= 0.0 {
-            continue;
+/// The places of keypoints in the tree's leaf order, ascending, and where each stands in `keypoints`. Those that are not in
+/// the tree, for they are not finite, are left out.
+fn by_place<C: Columns>(
+    keypoints: &[u32],
+    points: usize,
+    tree: &KdTree<'_>,
+    columns: &C,
+) -> Result<C::Column<[u32; 2]>, C::Error> {
+    const NOWHERE: u32 = u32::MAX;
+    let mut places = columns.zeros::<u32>(if tree.order().is_empty() { 0 } else { points })?;
+    places.fill(NOWHERE);
+    for (place, name) in (0u32..).zip(tree.order()) {
+        places[*name as usize] = place;
+    }
+    let place = |name: u32| {
+        if places.is_empty() {
+            name
+        } else {
+            places[name as usize]
         }
-        let weight = match variant {
-            DescriptorVariant::Paper => 1.0 / d2.sqrt(),
-            DescriptorVariant::Pcl | DescriptorVariant::Open3d => 1.0 / d2,
-        };
-        count += 1.0;
-        for (s, v) in sum.iter_mut().zip(spfh) {
-            *s += weight * v;
+    };
+    let found = keypoints.iter().filter(|k| place(**k) != NOWHERE).count();
+    let mut ordered = columns.zeros::<[u32; 2]>(found)?;
+    let known = (0u32..)
+        .zip(keypoints)
+        .filter(|(_, k)| place(**k) != NOWHERE);
+    for (out, (which, k)) in ordered.iter_mut().zip(known) {
+        *out = [place(*k), which];
+    }
+    ordered.par_sort_unstable();
+    Ok(ordered)
+}
+
+/// What is described.
+struct Described<'a> {
+    normals: &'a [[f32; 3]],
+    tree: &'a KdTree<'a>,
+    radius: f32,
+}
+
+impl Described<'_> {
+    fn at(&self, place: u32) -> [f32; 3] {
+        let (_, axes) = self.tree.parts();
+        axes.map(|a| a[place as usize])
+    }
+
+    fn normal(&self, place: u32) -> [f32; 3] {
+        self.normals[self.tree.name(place as usize) as usize]
+    }
+
+    /// Fills `out`, one value a place (they ascend), by groups that lie together; `f` finds what lies near them gathered.
+    fn by_groups<T: Send>(
+        &self,
+        places: &[u32],
+        out: &mut [T],
+        f: impl Fn(&mut Search, &[u32], &mut [T]) + Sync,
+    ) {
+        let near = |a: &u32, b: &u32| *a as usize / GROUP == *b as usize / GROUP;
+        let mut rest = out;
+        let mut groups = Vec::new();
+        for group in places.chunk_by(near) {
+            let (own, others) = std::mem::take(&mut rest).split_at_mut(group.len());
+            groups.push((group, own));
+            rest = others;
+        }
+        groups.into_par_iter().with_min_len(16).for_each_init(
+            Search::default,
+            |search, (group, out)| {
+                cancel::check();
+                let mut left = 0..group.len();
+                while !left.is_empty() {
+                    let at = |k: usize| self.at(group[k]);
+                    let together = search.near.gather(self.tree, self.radius, left.clone(), at);
+                    left.start = together.end;
+                    f(search, &group[together.clone()], &mut out[together]);
+                }
+            },
+        );
+    }
+
+    /// The places that have a normal and lie near any of `places`, ascending. `seen` is a bit a place, all 0 before and after.
+    fn neighbours_of(&self, places: &[u32], seen: &[AtomicU64]) -> Vec<u32> {
+        self.by_groups(places, &mut vec![(); places.len()], |search, places, _| {
+            let (all, axes) = search.near.gathered();
+            search.within.clear();
+            search.within.resize(axes[0].len() / LANES, 0);
+            for place in places {
+                mark(axes, self.at(*place), self.radius, &mut search.within);
+            }
+            for (block, within) in all.chunks(LANES).zip(&search.within) {
+                let mut within = *within;
+                while within != 0 {
+                    let place = block[within.trailing_zeros() as usize] as usize;
+                    within &= within - 1;
+                    let (word, bit) = (&seen[place / 64], 1 << (place % 64));
+                    if word.load(Ordering::Relaxed) & bit == 0 {
+                        word.fetch_or(bit, Ordering::Relaxed);
+                    }
+                }
+            }
+        });
+        let mut needed = Vec::new();
+        for (first, word) in (0u32..).step_by(64).zip(seen) {
+            let mut bits = word.load(Ordering::Relaxed);
+            if bits == 0 {
+                continue;
+            }
+            word.store(0, Ordering::Relaxed);
+            while bits != 0 {
+                let place = first + bits.trailing_zeros();
+                bits &= bits - 1;
+                if self.normal(place) != [0.0; 3] {
+                    needed.push(place);
+                }
+            }
+        }
+        needed
+    }
+}
+
+/// Marks, a bit each, the places within `radius` of `q`.
+fn mark(axes: [&[f32]; 3], q: [f32; 3], radius: f32, within: &mut [u64]) {
+    dispatch!(Level::new(), simd => simd.vectorize(
+        #[inline(always)]
+        || {
+            let limit = f32x16::splat(simd, radius * radius);
+            for (b, within) in within.iter_mut().enumerate() {
+                let (_, d2) = offsets(simd, axes, b, q);
+                *within |= d2.simd_le(limit).to_bitmask();
+            }
+        }
+    ));
+}
+
+/// What a thread keeps from group to group.
+#[derive(Default)]
+struct Search {
+    near: Neighbours,
+    /// Of what was gathered: which of a block of places are near.
+    within: Vec<u64>,
+    /// Of what was gathered: normals, an array an axis; NaN where undefined.
+    normals: [Vec<f32>; 3],
+    /// Of what was gathered: where its SPFH is.
+    slots: Vec<u32>,
+    /// Bins of a point's pairs, a list an angle.
+    bins: [Vec<u8>; 3],
+}
+
+impl Search {
+    fn take_normals(&mut self, cloud: &Described<'_>) {
+        let (places, [xs, ..]) = self.near.gathered();
+        for axis in &mut self.normals {
+            axis.clear();
+            axis.resize(xs.len(), f32::NAN);
+        }
+        for (k, place) in places.iter().enumerate() {
+            let normal = cloud.normal(*place);
+            if normal != [0.0; 3] {
+                for a in 0..3 {
+                    self.normals[a][k] = normal[a];
+                }
+            }
         }
     }
+
+    fn take_slots(&mut self, slot: &[u32]) {
+        let (places, _) = self.near.gathered();
+        self.slots.clear();
+        let slots = places.iter().map(|place| slot[*place as usize]);
+        self.slots.extend(slots);
+    }
+
+    /// The simplified histogram of a point at `q` with normal `n`: its pairs with all neighbours, each part summing to 100
+    /// (less where a pair has no frame).
+    fn spfh(&mut self, q: [f32; 3], n: [f32; 3], radius: f32, unsigned: bool) -> Descriptor {
+        let (_, axes) = self.near.gathered();
+        let normals = self.normals.each_ref().map(|a| &a[..]);
+        let limit = radius * radius;
+        for bins in &mut self.bins {
+            bins.resize(axes[0].len().next_multiple_of(BYTES), 0);
+        }
+        let bins = &mut self.bins;
+        dispatch!(Level::new(), simd => simd.vectorize(
+            #[inline(always)]
+            || if unsigned {
+                histograms::<true, _>(simd, axes, normals, (q, n), limit, bins)
+            } else {
+                histograms::<false, _>(simd, axes, normals, (q, n), limit, bins)
+            }
+        ))
+    }
+
+    /// The weighted sum of the SPFHs around `q`, and how many these are.
+    fn weighed(
+        &self,
+        spfh: &[Descriptor],
+        q: [f32; 3],
+        radius: f32,
+        variant: DescriptorVariant,
+    ) -> (Descriptor, u32) {
+        let (_, axes) = self.near.gathered();
+        let (slots, limit) = (&self.slots[..], radius * radius);
+        dispatch!(Level::new(), simd => simd.vectorize(
+            #[inline(always)]
+            || weigh(simd, axes, slots, spfh, (q, limit), variant)
+        ))
+    }
+}
+
+/// Sums SPFHs, nearer ones more, in the order of their places.
+#[inline(always)]
+fn weigh<S: Simd>(
+    simd: S,
+    axes: [&[f32]; 3],
+    slots: &[u32],
+    spfh: &[Descriptor],
+    (q, limit): ([f32; 3], f32),
+    variant: DescriptorVariant,
+) -> (Descriptor, u32) {
+    let zero = f32x16::splat(simd, 0.0);
+    let one = f32x16::splat(simd, 1.0);
+    let limit = f32x16::splat(simd, limit);
+    let (mut first, mut second, mut last, mut count) = (zero, zero, 0.0f32, 0);
+    for (b, slots) in slots.chunks(LANES).enumerate() {
+        let (_, d2) = offsets(simd, axes, b, q);
+        let mut within = d2.simd_le(limit).to_bitmask() & d2.simd_gt(zero).to_bitmask();
+        if within == 0 {
+            continue;
+        }
+        let weights: [f32; LANES] = match variant {
+            DescriptorVariant::Paper => (one / d2.sqrt()).into(),
+            DescriptorVariant::Pcl | DescriptorVariant::Open3d => (one / d2).into(),
+        };
+        while within != 0 {
+            let k = within.trailing_zeros() as usize;
+            within &= within - 1;
+            let slot = (slots[k] as usize).wrapping_sub(1);
+            let Some(row) = spfh.get(slot) else {
+                continue;
+            };
+            let weight = weights[k];
+            count += 1;
+            first += f32x16::from_slice(simd, &row[..LANES]) * weight;
+            second += f32x16::from_slice(simd, &row[LANES..2 * LANES]) * weight;
+            last += row[2 * LANES] * weight;
+        }
+    }
+    let mut sum = [0.0; DIMENSIONS];
+    first.store_slice(&mut sum[..LANES]);
+    second.store_slice(&mut sum[LANES..2 * LANES]);
+    sum[2 * LANES] = last;
+    (sum, count)
+}
+
+/// The FPFH of a point with this SPFH from the weighted sum of its neighbours'.
+fn finished(
+    mut sum: Descriptor,
+    count: u32,
+    own: &Descriptor,
+    variant: DescriptorVariant,
+) -> Descriptor {
+    #[expect(clippy::cast_precision_loss, reason = "a count")]
+    let count = count as f32;
     if count == 0.0 {
         return [0.0; DIMENSIONS];
     }
@@ -171,78 +404,81 @@ fn weigh<'a>(
     sum
 }
 
-/// The simplified histogram of point `i`: its pairs with all neighbours, each part summing to 100
-/// (less where a pair has no frame).
-fn spfh(
-    points: &[[f32; 3]],
-    normals: &[[f32; 3]],
-    i: usize,
-    neighbours: &[Neighbour],
-    unsigned: bool,
-) -> Descriptor {
-    let mut counts = Counts::default();
-    if normals[i] == [0.0; 3] {
-        return [0.0; DIMENSIONS];
-    }
-    let others = simd::wide(
-        #[inline(always)]
-        || {
-            if unsigned {
-                count_pairs::<true>(points, normals, i, neighbours, &mut counts)
-            } else {
-                count_pairs::<false>(points, normals, i, neighbours, &mut counts)
-            }
-        },
-    );
-    #[expect(clippy::cast_precision_loss, reason = "counts of neighbours")]
-    let scale = 100.0 / others.max(1) as f32;
-    #[expect(clippy::cast_precision_loss, reason = "counts of neighbours")]
-    std::array::from_fn(|k| {
-        let (part, bin) = (k / BINS, k % BINS);
-        counts.iter().map(|c| c[part][bin]).sum::<u32>() as f32 * scale
-    })
-}
+/// Bins of a list that are counted together.
+const BYTES: usize = 64;
 
-/// Counts the pairs of point `i` with those neighbours that have a normal, and tells how many these are.
 #[inline(always)]
-fn count_pairs<const UNSIGNED: bool>(
-    points: &[[f32; 3]],
-    normals: &[[f32; 3]],
-    i: usize,
-    neighbours: &[Neighbour],
-    counts: &mut Counts,
-) -> u32 {
-    let (p, n) = (points[i], normals[i]);
+fn histograms<const UNSIGNED: bool, S: Simd>(
+    simd: S,
+    axes: [&[f32]; 3],
+    normals: [&[f32]; 3],
+    (q, n): ([f32; 3], [f32; 3]),
+    limit: f32,
+    lists: &mut [Vec<u8>; 3],
+) -> Descriptor {
+    let zero = f32x16::splat(simd, 0.0);
+    let limit = f32x16::splat(simd, limit);
     let mut batch = Batch::default();
-    let (mut others, mut held) = (0u32, 0);
-    for j in neighbours.iter().map(|n| n.index as usize) {
-        let (q, m) = (points[j], normals[j]);
-        if j == i || m == [0.0; 3] {
+    let (mut others, mut listed) = (0u32, 0);
+    for b in 0..axes[0].len() / LANES {
+        let at = b * LANES..(b + 1) * LANES;
+        let (line, d2) = offsets(simd, axes, b, q);
+        let x = f32x16::from_slice(simd, &normals[0][at.clone()]);
+        let within = d2.simd_le(limit) & x.simd_eq(x);
+        let bits = within.to_bitmask();
+        if bits == 0 {
             continue;
         }
-        others += 1;
+        others += bits.count_ones();
         for a in 0..3 {
-            batch.line[a][held] = q[a] - p[a];
-            batch.normal[a][held] = m[a];
+            // Without a line there is no frame: the others count nowhere.
+            within.select(line[a], zero).store_slice(&mut batch.line[a]);
+            batch.normal[a].copy_from_slice(&normals[a][at.clone()]);
         }
-        held += 1;
-        if held == BATCH {
-            batch.count::<UNSIGNED>(n, held, counts);
-            held = 0;
+        let angles = batch.angles::<UNSIGNED>(n);
+        let units = [&angles.theta, &angles.alpha, &angles.phi];
+        for part in 0..3 {
+            let found = bins(units[part], &angles.frame);
+            let list = &mut lists[part][listed..listed + LANES];
+            for k in 0..LANES {
+                list[k] = found[k] as u8;
+            }
+        }
+        listed += LANES;
+    }
+    // The point itself is among them.
+    let others = others.saturating_sub(1).max(1);
+    #[expect(clippy::cast_precision_loss, reason = "counts of neighbours")]
+    let scale = 100.0 / others as f32;
+    let mut row = [0.0; DIMENSIONS];
+    let whole = listed.next_multiple_of(BYTES);
+    for part in 0..3 {
+        let list = &mut lists[part][..whole];
+        list[listed..].fill(SLOTS as u8 - 1);
+        let mut counts = [0u32; BINS];
+        for block in list.chunks_exact(BYTES) {
+            let block = u8x64::from_slice(simd, block);
+            for (bin, count) in (0u8..).zip(&mut counts) {
+                *count += block
+                    .simd_eq(u8x64::splat(simd, bin))
+                    .to_bitmask()
+                    .count_ones();
+            }
+        }
+        for (out, count) in row[part * BINS..].iter_mut().zip(counts) {
+            #[expect(clippy::cast_precision_loss, reason = "counts of neighbours")]
+            let count = count as f32;
+            *out = count * scale;
         }
     }
-    batch.count::<UNSIGNED>(n, held, counts);
-    others
+    row
 }
 
 /// Slots of a histogram: its bins, and some that nobody reads.
 const SLOTS: usize = 16;
 
-/// Three histograms, twice: pairs take turns, so that one need not wait for the other's sum.
-type Counts = [[[u32; SLOTS]; 3]; 2];
-
 /// Neighbours whose angles are worked out side by side.
-const BATCH: usize = 16;
+const BATCH: usize = LANES;
 
 /// Neighbours as lines from the point and normals, an array an axis, so that the loop over them
 /// vectorises.
@@ -253,23 +489,6 @@ struct Batch {
 }
 
 impl Batch {
-    /// Counts the first `held` pairs with a point of normal `n` into their bins.
-    #[inline(always)]
-    fn count<const UNSIGNED: bool>(&self, n: [f32; 3], held: usize, counts: &mut Counts) {
-        let angles = self.angles::<UNSIGNED>(n);
-        let bins = [
-            bins(&angles.theta, &angles.frame),
-            bins(&angles.alpha, &angles.frame),
-            bins(&angles.phi, &angles.frame),
-        ];
-        for k in 0..held.min(BATCH) {
-            let counts = &mut counts[k % 2];
-            for part in 0..3 {
-                counts[part][bins[part][k] as usize % SLOTS] += 1;
-            }
-        }
-    }
-
     /// The three features of each pair, scaled to `[0, 1]`.
     ///
     /// Of the two points the one whose normal is closer to the line is the frame's source. With

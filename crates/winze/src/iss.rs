@@ -17,16 +17,18 @@
 //! budget, cell by cell; [`Keypoints::qualified`] tells how many came from the test itself.
 
 use std::cmp::Reverse;
-use std::ops::Range;
 
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, dispatch, f32x16};
 use rayon::prelude::*;
 
 use crate::columns::{Columns, Memory};
 use crate::config::{IssCentre, IssConfig};
-use crate::eigen3::{Symmetric3, eigen3};
+use crate::eigen3::{BATCH, Symmetric3, eigen3, solve};
 use crate::kdtree::{KdTree, Neighbour};
-use crate::neighbours::{GROUP, Neighbours};
+use crate::neighbours::{GROUP, LANES, Neighbours, offsets};
 use crate::parallel;
+use crate::simd;
 use crate::voxel::{Grid, pack};
 
 /// Keypoints of one cloud.
@@ -89,7 +91,7 @@ pub fn keypoints_in<C: Columns>(
     columns: &C,
 ) -> Result<KeypointColumns<C>, C::Error> {
     let saliency = coded_saliency(points, tree, config, voxel, columns)?;
-    let mut chosen = cell_winners(points, tree, &saliency, config, voxel, columns)?;
+    let mut chosen = cell_winners(tree, &saliency, config, voxel, columns)?;
     // Those that pass the test first, then the most salient; ties by index.
     let rank = |i: u32| {
         let s = Saliency::decoded(saliency[i as usize]);
@@ -119,7 +121,6 @@ pub fn keypoints_in<C: Columns>(
 /// The best point of each cell, in the order of cells: one that passes the test where there is one, else
 /// the most salient with relief. Only local maxima take part, where they are asked for.
 fn cell_winners<C: Columns>(
-    points: &[[f32; 3]],
     tree: &KdTree<'_>,
     saliency: &[f32],
     config: &IssConfig,
@@ -130,29 +131,77 @@ fn cell_winners<C: Columns>(
     let cell = config.cell.metres(voxel);
     #[expect(clippy::cast_possible_truncation, reason = "a radius in metres")]
     let non_max_radius = config.non_max_radius.metres(voxel) as f32;
-    let mut keyed = columns.zeros::<[u64; 2]>(points.len())?;
-    parallel::fill(
-        &mut keyed,
-        || (),
-        |(), i| {
-            let own = Saliency::decoded(saliency[i]);
-            if own.value <= 0.0 || !is_local_maximum(points, tree, saliency, i, non_max_radius) {
-                return NONE;
+    let limit = non_max_radius * non_max_radius;
+    let mut keyed = columns.zeros::<[u64; 2]>(tree.len())?;
+    let (_, [xs, ys, zs]) = tree.parts();
+    let at = |place: usize| [xs[place], ys[place], zs[place]];
+    let key = |place: usize| {
+        let cell = at(place).map(|v| {
+            if cell > 0.0 {
+                #[expect(clippy::cast_possible_truncation, reason = "saturates")]
+                let cell = (f64::from(v) / cell).floor() as i32;
+                cell
+            } else {
+                0
             }
-            #[expect(clippy::cast_possible_truncation, reason = "saturates")]
-            let at = points[i].map(|v| {
-                if cell > 0.0 {
-                    (f64::from(v) / cell).floor() as i32
-                } else {
-                    0
+        });
+        pack(cell, tree.name(place))
+    };
+    let own = |place: usize| Saliency::decoded(saliency[tree.name(place) as usize]);
+    // Of equal ones the first is the maximum.
+    let is_first = |place: usize, own: Saliency| {
+        let name = tree.name(place);
+        let mut first = true;
+        tree.within(at(place), non_max_radius, |j, _| {
+            let other = Saliency::decoded(saliency[j as usize]);
+            let competes = other.qualifies || !own.qualifies;
+            first &= !(competes && other.value == own.value && j < name);
+        });
+        first
+    };
+    let search = <(Neighbours, Vec<f32>)>::default;
+    parallel::fill_groups(&mut keyed, GROUP, search, |(near, codes), group, keyed| {
+        let first = group.start;
+        let mut left = group;
+        while !left.is_empty() {
+            let together = if non_max_radius > 0.0 {
+                near.gather(tree, non_max_radius, left.clone(), at)
+            } else {
+                left.clone()
+            };
+            left.start = together.end;
+            codes.clear();
+            for place in together {
+                keyed[place - first] = NONE;
+                let own = own(place);
+                if own.value <= 0.0 {
+                    continue;
                 }
-            });
-            #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 points")]
-            pack(at, i as u32)
-        },
-    );
-    keyed.par_sort_unstable();
-    let candidates = &keyed[..keyed.partition_point(|k| *k != NONE)];
+                if non_max_radius > 0.0 {
+                    let (places, axes) = near.gathered();
+                    if codes.is_empty() {
+                        let name = |p: &u32| tree.name(*p as usize) as usize;
+                        codes.extend(places.iter().map(|p| saliency[name(p)]));
+                        codes.resize(axes[0].len(), 0.0);
+                    }
+                    let (higher, alike) = rivals(axes, codes, at(place), limit, own);
+                    if higher || (alike > 1 && !is_first(place, own)) {
+                        continue;
+                    }
+                }
+                keyed[place - first] = key(place);
+            }
+        }
+    });
+    // Those that are none go, before it is sorted.
+    let mut count = 0;
+    for i in 0..keyed.len() {
+        keyed[count] = keyed[i];
+        count += usize::from(keyed[i] != NONE);
+    }
+    let candidates = &mut keyed[..count];
+    candidates.par_sort_unstable();
+    let candidates = &*candidates;
     let cells = || candidates.chunk_by(|a, b| cell > 0.0 && Grid::same_cell(a, b));
     let mut winners = columns.zeros::<u32>(cells().count())?;
     for (winner, group) in winners.iter_mut().zip(cells()) {
@@ -233,31 +282,97 @@ fn coded_saliency<C: Columns>(
     );
     let weights = config.density_weighting.then_some(&*weights);
     let mut coded = columns.zeros::<f32>(points.len())?;
-    let gather = |near: &mut Neighbours, group: Range<usize>| {
-        near.gather(tree, r, points[group].iter().copied());
-    };
-    parallel::fill_groups(&mut coded, GROUP, Neighbours::default, gather, |near, i| {
-        let found = near.of(tree, points[i]);
-        if found.len() <= config.min_neighbours {
-            return Saliency::NONE.coded();
-        }
-        let scatter = scatter(points, i, found, weights, config.centre);
-        let [l3, l2, l1] = eigen3(&scatter).values;
-        let relief = l3 / (radius * radius);
-        #[expect(clippy::cast_possible_truncation, reason = "a ratio")]
-        let value = relief.max(0.0) as f32;
-        let qualifies =
-            relief > config.min_relief && l2 < config.gamma_21 * l1 && l3 < config.gamma_32 * l2;
-        Saliency { value, qualifies }.coded()
-    });
+    if tree.order().is_empty() {
+        code_in_leaf_order(
+            &mut coded[..tree.len()],
+            points,
+            tree,
+            config,
+            radius,
+            weights,
+        );
+        return Ok(coded);
+    }
+    let mut made = columns.zeros::<f32>(tree.len())?;
+    code_in_leaf_order(&mut made, points, tree, config, radius, weights);
+    for (&i, &code) in tree.order().iter().zip(made.iter()) {
+        coded[i as usize] = code;
+    }
     Ok(coded)
 }
 
-/// The weighted scatter of the neighbours of point `i`, divided by their weight. The point itself
+/// Of each place in the tree's leaf order, in which points that follow each other are near each other.
+fn code_in_leaf_order(
+    coded: &mut [f32],
+    points: &[[f32; 3]],
+    tree: &KdTree<'_>,
+    config: &IssConfig,
+    radius: f64,
+    weights: Option<&[f32]>,
+) {
+    #[expect(clippy::cast_possible_truncation, reason = "a radius in metres")]
+    let r = radius as f32;
+    let (_, [xs, ys, zs]) = tree.parts();
+    let at = |place: usize| [xs[place], ys[place], zs[place]];
+    let search = <(Neighbours, Vec<(Symmetric3, usize)>)>::default;
+    parallel::fill_groups(coded, GROUP, search, |(near, scatters), group, coded| {
+        scatters.clear();
+        let mut left = group;
+        while !left.is_empty() {
+            let together = near.gather(tree, r, left.clone(), at);
+            left.start = together.end;
+            for q in together.map(at) {
+                if weights.is_some() {
+                    let found = near.of(tree, q);
+                    let scatter = scatter(points, q, found, weights, config.centre);
+                    scatters.push((scatter, found.len()));
+                } else {
+                    let moments = near.moments_within(q);
+                    let scatter = match config.centre {
+                        IssCentre::Point => moments.scatter(),
+                        IssCentre::Centroid => moments.covariance(),
+                    };
+                    scatters.push((scatter, moments.count as usize));
+                }
+            }
+        }
+        for (scatters, coded) in scatters.chunks(BATCH).zip(coded.chunks_mut(BATCH)) {
+            let mut batch = [[0.0; BATCH]; 6];
+            for (k, (scatter, _)) in scatters.iter().enumerate() {
+                (0..6).for_each(|e| batch[e][k] = scatter[e]);
+            }
+            let solved = simd::wide(
+                #[inline(always)]
+                || solve(&batch),
+            );
+            for (k, ((scatter, count), coded)) in scatters.iter().zip(coded).enumerate() {
+                let mut values = solved.values.map(|v| v[k]);
+                if solved.sure[k] == 0.0 {
+                    values = eigen3(scatter).values;
+                }
+                let enough = *count > config.min_neighbours;
+                let saliency = enough.then(|| tested(values, config, radius));
+                *coded = saliency.unwrap_or(Saliency::NONE).coded();
+            }
+        }
+    });
+}
+
+/// The test of a scatter's eigenvalues, which ascend.
+fn tested([l3, l2, l1]: [f64; 3], config: &IssConfig, radius: f64) -> Saliency {
+    let relief = l3 / (radius * radius);
+    #[expect(clippy::cast_possible_truncation, reason = "a ratio")]
+    let value = relief.max(0.0) as f32;
+    let qualifies =
+        relief > config.min_relief && l2 < config.gamma_21 * l1 && l3 < config.gamma_32 * l2;
+    Saliency { value, qualifies }
+}
+
+/// The weighted scatter of the neighbours of `q`, divided by their weight. The point itself
 /// is among them and counts like the others.
 fn scatter(
     points: &[[f32; 3]],
-    i: usize,
+    q: [f32; 3],
     neighbours: &[Neighbour],
     weights: Option<&[f32]>,
     centre: IssCentre,
@@ -266,8 +381,7 @@ fn scatter(
     for n in neighbours {
         let j = n.index as usize;
         let w = weights.map_or(1.0, |w| f64::from(w[j]));
-        let d: [f64; 3] =
-            std::array::from_fn(|a| f64::from(points[j][a]) - f64::from(points[i][a]));
+        let d: [f64; 3] = std::array::from_fn(|a| f64::from(points[j][a]) - f64::from(q[a]));
         total += w;
         for a in 0..3 {
             mean[a] += w * d[a];
@@ -288,28 +402,38 @@ fn scatter(
 
 const UPPER: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
 
-fn is_local_maximum(
-    points: &[[f32; 3]],
-    tree: &KdTree<'_>,
-    saliency: &[f32],
-    i: usize,
-    radius: f32,
-) -> bool {
-    if radius <= 0.0 {
-        return true;
+/// Whether a point at `q` has a rival within `√limit` that is more salient, and how many there are that are as salient as it
+/// is, itself among them.
+fn rivals(axes: [&[f32]; 3], codes: &[f32], q: [f32; 3], limit: f32, own: Saliency) -> (bool, u32) {
+    dispatch!(Level::new(), simd => simd.vectorize(
+        #[inline(always)]
+        || compare(simd, axes, codes, q, limit, own)
+    ))
+}
+
+#[inline(always)]
+fn compare<S: Simd>(
+    simd: S,
+    axes: [&[f32]; 3],
+    codes: &[f32],
+    q: [f32; 3],
+    limit: f32,
+    own: Saliency,
+) -> (bool, u32) {
+    let limit = f32x16::splat(simd, limit);
+    let value = f32x16::splat(simd, own.value);
+    let none = f32x16::splat(simd, -1.0);
+    let (mut higher, mut alike) = (0, 0);
+    for (b, codes) in codes.chunks_exact(LANES).enumerate() {
+        let (_, d2) = offsets(simd, axes, b, q);
+        let code = f32x16::from_slice(simd, codes);
+        // Points that pass the test, whose code is positive, compete among themselves, as in the original.
+        let theirs = if own.qualifies { code } else { code.abs() };
+        let theirs = d2.simd_le(limit).select(theirs, none);
+        higher |= theirs.simd_gt(value).to_bitmask();
+        alike += theirs.simd_eq(value).to_bitmask().count_ones();
     }
-    let own = Saliency::decoded(saliency[i]);
-    let mut maximum = true;
-    tree.within(points[i], radius, |j, _| {
-        let j = j as usize;
-        let other = Saliency::decoded(saliency[j]);
-        // Points that pass the test compete among themselves, as in the original.
-        let competes = other.qualifies || !own.qualifies;
-        if competes && (other.value > own.value || (other.value == own.value && j < i)) {
-            maximum = false;
-        }
-    });
-    maximum
+    (higher != 0, alike)
 }
 
 #[cfg(test)]
@@ -421,6 +545,46 @@ mod tests {
         };
         let (dense, sparse) = (count(30_000), count(6_000));
         assert!((dense - sparse).abs() < 0.1, "{dense} and {sparse}");
+    }
+
+    /// Against the plain rule, where many are equally salient too.
+    #[test]
+    fn local_maxima_have_no_rival() {
+        let bumps = |x: f64, y: f64| 0.2 * (5.0 * x).sin() * (3.0 * y).cos();
+        let mirrored = grid(|x, y| bumps((x - 2.0).abs(), (y - 2.0).abs()));
+        let rough: Vec<[f32; 3]> = surface(&drift(20_000, 8.0, 0.3, 0.0, 1), 0.2)
+            .points
+            .to_vec();
+        for (points, voxel) in [(mirrored, 0.1), (rough, 0.2)] {
+            let tree = KdTree::build(&points);
+            let config = IssConfig {
+                non_max_radius: Length::Metres(0.5),
+                cell: Length::Metres(0.0),
+                min_keypoints: 1_000_000,
+                ..config()
+            };
+            let found = keypoints(&points, &tree, &config, voxel).indices;
+            let all = saliency(&points, &tree, &config, voxel);
+            let apart = |i: usize, j: usize| {
+                let d: [f32; 3] = std::array::from_fn(|a| points[i][a] - points[j][a]);
+                (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
+            };
+            let is_maximum = |i: usize| {
+                let beaten = |j: usize| {
+                    (all[j].qualifies || !all[i].qualifies)
+                        && (all[j].value > all[i].value || (all[j].value == all[i].value && j < i))
+                };
+                !(0..points.len()).any(|j| beaten(j) && apart(i, j) <= 0.25)
+            };
+            let best = (0..points.len()).filter(|i| all[*i].value > 0.0 && is_maximum(*i));
+            let best: Vec<u32> = best.map(|i| i as u32).collect();
+            assert!(
+                best.len() > 10 && found == best,
+                "{} {}",
+                best.len(),
+                found.len()
+            );
+        }
     }
 
     #[test]

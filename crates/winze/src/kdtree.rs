@@ -13,6 +13,8 @@
 
 use std::borrow::Cow;
 
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, Simd, dispatch, f32x16};
 use rayon::prelude::*;
 
 use crate::cancel;
@@ -88,11 +90,20 @@ impl TreeColumns<Memory> {
     }
 }
 
-/// A point as bits, with its index.
+/// A point's coordinates as numbers that are ordered as they are, and its index.
 type Item = [u32; 4];
 
-fn coordinate(item: &Item, axis: usize) -> f32 {
-    f32::from_bits(item[axis])
+/// The bits of a float so that whole numbers are ordered as [`f32::total_cmp`] orders floats.
+fn ordered(v: f32) -> u32 {
+    let bits = v.to_bits();
+    let negative = bits >> 31 == 1;
+    bits ^ if negative { u32::MAX } else { 1 << 31 }
+}
+
+/// The float of [`ordered`] bits.
+fn unordered(bits: u32) -> f32 {
+    let negative = bits >> 31 == 0;
+    f32::from_bits(bits ^ if negative { u32::MAX } else { 1 << 31 })
 }
 
 /// Builds the tree over `points` in `columns`, on all threads of the current pool, as
@@ -106,7 +117,7 @@ pub fn build_in<C: Columns>(points: &[[f32; 3]], columns: &C) -> Result<TreeColu
     let mut items = columns.zeros::<Item>(count)?;
     let usable = (0u32..).zip(points).filter(|(_, p)| finite(p));
     for (item, (index, p)) in items.iter_mut().zip(usable) {
-        *item = [p[0].to_bits(), p[1].to_bits(), p[2].to_bits(), index];
+        *item = [ordered(p[0]), ordered(p[1]), ordered(p[2]), index];
     }
     let nodes = if count == 0 { 0 } else { node_count(count) };
     let mut nodes = columns.zeros::<Node>(nodes)?;
@@ -121,7 +132,7 @@ pub fn build_in<C: Columns>(points: &[[f32; 3]], columns: &C) -> Result<TreeColu
     for (a, axis) in axes.iter_mut().enumerate() {
         axis.par_iter_mut()
             .zip(items.par_iter())
-            .for_each(|(v, i)| *v = coordinate(i, a));
+            .for_each(|(v, i)| *v = unordered(i[a]));
     }
     let mut order = columns.zeros(count)?;
     order
@@ -187,16 +198,6 @@ impl<'a> KdTree<'a> {
         self.order[place]
     }
 
-    /// Adds the original indices of the points at places in leaf order.
-    pub(crate) fn names(&self, places: std::ops::Range<usize>, to: &mut Vec<u32>) {
-        if self.order.is_empty() {
-            #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 points")]
-            to.extend(places.start as u32..places.end as u32);
-        } else {
-            to.extend_from_slice(&self.order[places]);
-        }
-    }
-
     /// Original indices in leaf order: neighbours in space are near each other in this list, so
     /// points stored in this order are found in cache. Empty where they are 0, 1, 2, ...
     #[must_use]
@@ -224,8 +225,9 @@ impl<'a> KdTree<'a> {
             index: u32::MAX,
             distance_squared: radius * radius,
         };
-        self.visit(query, best.distance_squared, |start, distances| {
-            for (i, &d) in distances.iter().enumerate() {
+        self.visit(query, best.distance_squared, |start, distances, within| {
+            for i in places(within) {
+                let d = distances[i];
                 if d <= best.distance_squared {
                     let index = self.name(start + i);
                     if d < best.distance_squared || index < best.index {
@@ -248,8 +250,9 @@ impl<'a> KdTree<'a> {
             index: u32::MAX,
             distance_squared: f32::INFINITY,
         };
-        self.visit(query, f32::INFINITY, |start, distances| {
-            for (i, &d) in distances.iter().enumerate() {
+        self.visit(query, f32::INFINITY, |start, distances, within| {
+            for i in places(within) {
+                let d = distances[i];
                 let index = self.name(start + i);
                 if d > 0.0
                     && (d < best.distance_squared
@@ -274,13 +277,14 @@ impl<'a> KdTree<'a> {
             return;
         }
         let limit = radius * radius;
-        self.visit(query, limit, |start, distances| {
+        self.visit(query, limit, |start, distances, within| {
             let mut worst = if found.len() == k {
                 found[k - 1].distance_squared
             } else {
                 limit
             };
-            for (i, &d) in distances.iter().enumerate() {
+            for i in places(within) {
+                let d = distances[i];
                 if d <= worst {
                     let new = Neighbour {
                         index: self.name(start + i),
@@ -312,10 +316,10 @@ impl<'a> KdTree<'a> {
     /// order.
     pub fn within(&self, query: [f32; 3], radius: f32, mut each: impl FnMut(u32, f32)) {
         let limit = radius * radius;
-        self.visit(query, limit, |start, distances| {
-            for (i, &d) in distances.iter().enumerate() {
-                if d <= limit && d.is_finite() {
-                    each(self.name(start + i), d);
+        self.visit(query, limit, |start, distances, within| {
+            for i in places(within) {
+                if distances[i].is_finite() {
+                    each(self.name(start + i), distances[i]);
                 }
             }
             limit
@@ -362,12 +366,26 @@ impl<'a> KdTree<'a> {
         }
     }
 
-    /// Walks the leaves that can hold points within `√limit`, near side first. `leaf` gets the
-    /// first position and the squared distances of its points, and answers the new limit.
-    fn visit(&self, q: [f32; 3], mut limit: f32, mut leaf: impl FnMut(usize, &[f32]) -> f32) {
+    /// Walks the leaves that can hold points within `√limit`, near side first. `leaf` gets the first position, the squared
+    /// distances of its points, and a bit for each of those within the limit; it answers the new limit.
+    fn visit(&self, q: [f32; 3], limit: f32, leaf: impl FnMut(usize, &[f32; LEAF], u64) -> f32) {
         if self.nodes.is_empty() || !q.iter().all(|v| v.is_finite()) {
             return;
         }
+        dispatch!(Level::new(), simd => simd.vectorize(
+            #[inline(always)]
+            || self.walk(simd, q, limit, leaf)
+        ));
+    }
+
+    #[inline(always)]
+    fn walk<S: Simd>(
+        &self,
+        simd: S,
+        q: [f32; 3],
+        mut limit: f32,
+        mut leaf: impl FnMut(usize, &[f32; LEAF], u64) -> f32,
+    ) {
         let nodes: &[Node] = &self.nodes;
         let [xs, ys, zs]: [&[f32]; 3] = self.axes.each_ref().map(|a| &**a);
         // (node, distance to its region along each axis)
@@ -382,18 +400,17 @@ impl<'a> KdTree<'a> {
             loop {
                 let [split, axis, a, b] = nodes[at as usize];
                 if axis == LEAF_MARK {
-                    let (start, end) = (a as usize, b as usize);
-                    let mut distances = [0.0f32; LEAF];
-                    let distances = &mut distances[..end - start];
-                    for (((d, x), y), z) in distances
-                        .iter_mut()
-                        .zip(&xs[start..end])
-                        .zip(&ys[start..end])
-                        .zip(&zs[start..end])
-                    {
-                        *d = squared([x - q[0], y - q[1], z - q[2]]);
+                    let (start, count) = (a as usize, (b - a) as usize);
+                    let x = lanes(simd, xs, start, count) - q[0];
+                    let y = lanes(simd, ys, start, count) - q[1];
+                    let z = lanes(simd, zs, start, count) - q[2];
+                    let d2 = (x * x + y * y) + z * z;
+                    let within = d2.simd_le(f32x16::splat(simd, limit)).to_bitmask();
+                    // What lies behind the leaf was looked at too.
+                    let within = within & ((1 << count) - 1);
+                    if within != 0 {
+                        limit = leaf(start, &d2.into(), within);
                     }
-                    limit = leaf(start, distances);
                     break;
                 }
                 let axis = axis as usize;
@@ -413,6 +430,27 @@ impl<'a> KdTree<'a> {
             }
         }
     }
+}
+
+/// The `count` coordinates from `start`, and some others behind them.
+#[inline(always)]
+fn lanes<S: Simd>(simd: S, axis: &[f32], start: usize, count: usize) -> f32x16<S> {
+    if let Some(whole) = axis.get(start..start + LEAF) {
+        return f32x16::from_slice(simd, whole);
+    }
+    let mut padded = [0.0; LEAF];
+    padded[..count].copy_from_slice(&axis[start..start + count]);
+    f32x16::from_slice(simd, &padded)
+}
+
+/// The places of the bits that are set, ascending.
+#[inline(always)]
+fn places(mut bits: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let place = bits.trailing_zeros() as usize;
+        bits &= bits.wrapping_sub(1);
+        (place < 64).then_some(place)
+    })
 }
 
 /// `cut` changed along one axis, without a detour through memory, which a store at a variable place would be.
@@ -464,12 +502,10 @@ fn split(items: &mut [Item], start: usize, nodes: &mut [Node]) {
     }
     let axis = widest_axis(items);
     let middle = items.len() / 2;
-    let (_, pivot, _) = items.select_nth_unstable_by(middle, |a, b| {
-        coordinate(a, axis)
-            .total_cmp(&coordinate(b, axis))
-            .then(a[3].cmp(&b[3]))
-    });
-    let at = pivot[axis];
+    // By coordinate, then by index, as one number.
+    let key = |item: &Item| u64::from(item[axis]) << 32 | u64::from(item[3]);
+    let (_, pivot, _) = items.select_nth_unstable_by(middle, |a, b| key(a).cmp(&key(b)));
+    let at = unordered(pivot[axis]).to_bits();
     let (left, right) = items.split_at_mut(middle);
     let (left_nodes, right_nodes) = nodes.split_at_mut(node_count(middle));
     #[expect(clippy::cast_possible_truncation, reason = "fewer nodes than points")]
@@ -530,16 +566,17 @@ fn is_tree(nodes: &[Node], count: usize) -> bool {
 }
 
 fn widest_axis(items: &[Item]) -> usize {
-    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+    let (mut low, mut high) = ([u32::MAX; 4], [0; 4]);
     for item in items {
-        for a in 0..3 {
-            low[a] = low[a].min(coordinate(item, a));
-            high[a] = high[a].max(coordinate(item, a));
+        for a in 0..4 {
+            low[a] = low[a].min(item[a]);
+            high[a] = high[a].max(item[a]);
         }
     }
+    let width = |axis: usize| unordered(high[axis]) - unordered(low[axis]);
     let mut axis = 0;
     for a in 1..3 {
-        if high[a] - low[a] > high[axis] - low[axis] {
+        if width(a) > width(axis) {
             axis = a;
         }
     }

@@ -9,10 +9,12 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::cancel;
-use crate::eigen3::{Symmetric3, eigen3};
+use crate::denoise::{FURTHER, MOST};
+use crate::eigen3::{BATCH, Symmetric3, eigen3, solve};
 use crate::kdtree::{KdTree, Neighbour};
-use crate::neighbours::{GROUP, Neighbours};
+use crate::neighbours::{GROUP, Moments, Neighbours};
 use crate::parallel;
+use crate::simd;
 
 /// The neighbourhood that a normal is fitted to: all points within `radius` metres, but at least
 /// the `least` nearest and at most the `most` nearest. A bound of 0 is none; the point itself counts.
@@ -48,53 +50,139 @@ pub(crate) fn estimate_into(
     tree: &KdTree<'_>,
     around: Neighbourhood,
 ) {
+    if tree.order().is_empty() {
+        estimate_in_leaf_order(&mut normals[..tree.len()], points, tree, around);
+        return;
+    }
+    let mut made = vec![[0.0; 3]; tree.len()];
+    estimate_in_leaf_order(&mut made, points, tree, around);
+    normals.fill([0.0; 3]);
+    for (&i, normal) in tree.order().iter().zip(made) {
+        normals[i as usize] = normal;
+    }
+}
+
+/// Of each place in the tree's leaf order, in which points that follow each other are near each other.
+fn estimate_in_leaf_order(
+    normals: &mut [[f32; 3]],
+    points: &[[f32; 3]],
+    tree: &KdTree<'_>,
+    around: Neighbourhood,
+) {
     #[expect(clippy::cast_possible_truncation, reason = "a radius in metres")]
     let radius = if around.radius > 0.0 {
         around.radius as f32
     } else {
         f32::INFINITY
     };
-    let all_within = around.most == 0 && radius < f32::INFINITY;
-    parallel::fill_groups(
-        normals,
-        GROUP,
-        || (Neighbours::default(), Vec::new()),
-        |(near, _), group| {
-            if all_within {
-                near.gather(tree, radius, points[group].iter().copied());
+    let nearest = if around.most == 0 && radius.is_infinite() {
+        around.least
+    } else {
+        around.most
+    };
+    let (_, [xs, ys, zs]) = tree.parts();
+    let at = |place: usize| [xs[place], ys[place], zs[place]];
+    parallel::fill_groups(normals, GROUP, Search::default, |search, group, normals| {
+        search.moments.clear();
+        let mut left = group;
+        while !left.is_empty() {
+            let together = if nearest == 0 {
+                search.near.gather(tree, radius, left.clone(), at)
+            } else {
+                let mut reach = search.widest;
+                if reach <= 0.0 {
+                    tree.knn(at(left.start), nearest, radius, &mut search.found);
+                    reach = search.found.last().map_or(0.0, |n| n.distance_squared);
+                }
+                // Its neighbours' neighbours are about as far.
+                let reach = (FURTHER * reach.sqrt()).min(radius);
+                let most = MOST.max(8 * nearest);
+                search.widest = 0.0;
+                search
+                    .near
+                    .gather_up_to(most, tree, reach, left.clone(), at)
+            };
+            left.start = together.end;
+            for place in together {
+                let moments = search.around(points, tree, at(place), radius, nearest, around);
+                search.moments.push(moments);
             }
-        },
-        |(near, nearest), i| {
-            let mut found: &[Neighbour] = &[];
-            if all_within {
-                found = near.of(tree, points[i]);
-            } else if around.most > 0 {
-                tree.knn(points[i], around.most, radius, nearest);
-                found = nearest;
-            }
-            if found.len() < around.least {
-                tree.knn(points[i], around.least, f32::INFINITY, nearest);
-                found = nearest;
-            }
-            #[expect(clippy::cast_possible_truncation, reason = "unit components")]
-            of_neighbourhood(points, points[i], found).map_or([0.0; 3], |n| n.map(|v| v as f32))
-        },
-    );
+        }
+        for (moments, normals) in search.moments.chunks(BATCH).zip(normals.chunks_mut(BATCH)) {
+            planes(moments, normals);
+        }
+    });
 }
 
-/// The normal of the plane through `neighbours` of `p`; `None` where they span none.
-pub(crate) fn of_neighbourhood(
-    points: &[[f32; 3]],
-    p: [f32; 3],
-    neighbours: &[Neighbour],
-) -> Option<[f64; 3]> {
-    let (covariance, count) = covariance(points, p, neighbours);
-    if count < 3.0 {
-        return None;
+/// What a thread keeps from point to point.
+#[derive(Default)]
+struct Search {
+    near: Neighbours,
+    /// Of the last group: the largest squared distance of a point to the last of its neighbours.
+    widest: f32,
+    /// Within which squared distance the last point's neighbours were.
+    last: f32,
+    found: Vec<Neighbour>,
+    /// Of the points of a group.
+    moments: Vec<Moments>,
+}
+
+impl Search {
+    /// Sums over the neighbourhood of `q`.
+    fn around(
+        &mut self,
+        points: &[[f32; 3]],
+        tree: &KdTree<'_>,
+        q: [f32; 3],
+        radius: f32,
+        nearest: usize,
+        around: Neighbourhood,
+    ) -> Moments {
+        let within = if nearest == 0 {
+            self.near.moments_within(q)
+        } else if let Some((moments, limit)) = self.near.moments_of_nearest(q, nearest, self.last) {
+            self.widest = self.widest.max(limit);
+            self.last = limit;
+            moments
+        } else {
+            tree.knn(q, nearest, radius, &mut self.found);
+            let last = self.found.last().map_or(0.0, |n| n.distance_squared);
+            self.widest = self.widest.max(last);
+            Moments::of(points, q, &self.found)
+        };
+        if (within.count as usize) < around.least {
+            tree.knn(q, around.least, f32::INFINITY, &mut self.found);
+            return Moments::of(points, q, &self.found);
+        }
+        within
     }
-    let e = eigen3(&covariance);
-    // A line has two vanishing eigenvalues; the direction across it is anybody's guess.
-    (e.values[1] > 1e-6 * e.values[2]).then_some(e.vectors[0])
+}
+
+/// The normals of planes through neighbourhoods, of [`BATCH`] at most.
+fn planes(moments: &[Moments], normals: &mut [[f32; 3]]) {
+    let mut batch = [[0.0; BATCH]; 6];
+    for (k, moments) in moments.iter().enumerate() {
+        let covariance = moments.covariance();
+        (0..6).for_each(|e| batch[e][k] = covariance[e]);
+    }
+    let solved = simd::wide(
+        #[inline(always)]
+        || solve(&batch),
+    );
+    for (k, (moments, normal)) in moments.iter().zip(normals).enumerate() {
+        let mut middle = solved.values[1][k];
+        let mut high = solved.values[2][k];
+        let mut least = solved.least.map(|v| v[k]);
+        if solved.vector_sure[k] == 0.0 {
+            let e = eigen3(&batch.map(|v| v[k]));
+            ([_, middle, high], [least, ..]) = (e.values, e.vectors);
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "unit components")]
+        let unit = least.map(|v| v as f32);
+        // A line has two vanishing eigenvalues; the direction across it is anybody's guess.
+        let plane = moments.count >= 3 && middle > 1e-6 * high;
+        *normal = if plane { unit } else { [0.0; 3] };
+    }
 }
 
 /// Covariance (divided by the count) about the neighbourhood's own mean, and the count. Offsets
@@ -104,36 +192,8 @@ pub(crate) fn covariance(
     centre: [f32; 3],
     neighbours: &[Neighbour],
 ) -> (Symmetric3, f64) {
-    let mut sum = [0.0f64; 3];
-    let mut square = [0.0f64; 6];
-    for n in neighbours {
-        let p = points[n.index as usize];
-        let d: [f64; 3] = std::array::from_fn(|a| f64::from(p[a]) - f64::from(centre[a]));
-        for a in 0..3 {
-            sum[a] += d[a];
-        }
-        square[0] += d[0] * d[0];
-        square[1] += d[0] * d[1];
-        square[2] += d[0] * d[2];
-        square[3] += d[1] * d[1];
-        square[4] += d[1] * d[2];
-        square[5] += d[2] * d[2];
-    }
-    #[expect(clippy::cast_precision_loss, reason = "a count")]
-    let n = neighbours.len() as f64;
-    let m = sum.map(|s| s / n.max(1.0));
-    let inverse = 1.0 / n.max(1.0);
-    (
-        [
-            square[0] * inverse - m[0] * m[0],
-            square[1] * inverse - m[0] * m[1],
-            square[2] * inverse - m[0] * m[2],
-            square[3] * inverse - m[1] * m[1],
-            square[4] * inverse - m[1] * m[2],
-            square[5] * inverse - m[2] * m[2],
-        ],
-        n,
-    )
+    let moments = Moments::of(points, centre, neighbours);
+    (moments.covariance(), f64::from(moments.count))
 }
 
 /// Turns every normal towards `viewpoint` (offsets as the points are).
@@ -183,9 +243,13 @@ pub fn orient_open_side(
         .zip(normals.par_chunks_mut(GROUP))
         .for_each_init(Neighbours::default, |near, (points, normals)| {
             cancel::check();
-            near.gather(coarse, radius, points.iter().copied());
-            for (p, n) in points.iter().zip(normals) {
-                *n = of(*n, *p, near.of(coarse, *p));
+            let mut left = 0..points.len();
+            while !left.is_empty() {
+                let together = near.gather(coarse, radius, left.clone(), |k| points[k]);
+                left.start = together.end;
+                for k in together {
+                    normals[k] = of(normals[k], points[k], near.of(coarse, points[k]));
+                }
             }
         });
 }

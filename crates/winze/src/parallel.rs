@@ -37,25 +37,22 @@ pub(crate) fn fill<S, T: Send>(
     });
 }
 
-/// As [`fill`], for groups of places that follow each other: `group` is told of the range, then `f` of each
-/// place in it. A chunk is a whole number of groups of `size`.
+/// As [`fill`], by groups of `size` places that follow each other: `f` is given a group's range and its places. A chunk is a
+/// whole number of groups.
 pub(crate) fn fill_groups<S, T: Send>(
     out: &mut [T],
     size: usize,
     scratch: impl Fn() -> S + Sync,
-    group: impl Fn(&mut S, Range<usize>) + Sync,
-    f: impl Fn(&mut S, usize) -> T + Sync,
+    f: impl Fn(&mut S, Range<usize>, &mut [T]) + Sync,
 ) {
-    let n = out.len();
     out.par_chunks_mut(CHUNK).enumerate().for_each(|(c, part)| {
         cancel::check();
         let mut s = scratch();
-        for (k, place) in part.iter_mut().enumerate() {
-            let i = c * CHUNK + k;
-            if i.is_multiple_of(size) {
-                group(&mut s, i..(i + size).min(n));
-            }
-            *place = f(&mut s, i);
+        let mut start = c * CHUNK;
+        for group in part.chunks_mut(size) {
+            let end = start + group.len();
+            f(&mut s, start..end, group);
+            start = end;
         }
     });
 }

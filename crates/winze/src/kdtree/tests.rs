@@ -67,6 +67,15 @@ fn cloud(n: usize, snap: f32, seed: u64) -> Vec<[f32; 3]> {
 }
 
 #[test]
+fn ordered_bits_are_ordered_as_floats_are() {
+    let values = [f32::MIN, -1.5, -1e-40, -0.0, 0.0, 1e-40, 1.0, 1.5, f32::MAX];
+    assert!(values.map(ordered).is_sorted());
+    for v in values {
+        assert_eq!(unordered(ordered(v)).to_bits(), v.to_bits());
+    }
+}
+
+#[test]
 fn empty_single_and_broken() {
     let tree = KdTree::build(&[]);
     assert!(tree.is_empty() && tree.nearest([0.0; 3]).is_none());
