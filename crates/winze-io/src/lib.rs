@@ -18,9 +18,10 @@
 //! Coordinates keep a tenth of a millimetre within 1 km of the cloud's middle and a millimetre
 //! within 16 km, wherever the file's own origin lies. Files are data from outside: whatever they
 //! hold, reading them gives a cloud or an [`Error`] that says where the file is wrong, takes memory
-//! in proportion to the file's size, and never panics. (A point takes 24 bytes while it is read and 12
-//! in the cloud. What a file spends on it can be as little as three bytes, or, where
-//! `binary_compressed` packs those as tightly as LZF can, 88 times less: such a file takes a thousand
+//! in proportion to the file's size, and never panics. (A point takes 12 bytes in
+//! the cloud and, unless all coordinates are small and in PCD or in binary PLY, 24 more while it is
+//! read. What a file spends on it can be as little as three bytes, or, where `binary_compressed`
+//! packs those as tightly as LZF can, 88 times less: such a file takes a thousand
 //! times its size.)
 
 #![cfg_attr(not(test), deny(clippy::indexing_slicing))]
@@ -32,6 +33,7 @@ mod error;
 mod format;
 mod lines;
 mod lzf;
+mod narrow;
 mod pcd;
 mod ply;
 mod raw;

@@ -14,6 +14,9 @@ const PIECE: usize = 1 << 20;
 /// A decimal number, `nan` or `inf` with or without a sign, or one of the spellings of "not a
 /// number" of older C libraries (`1.#QNAN`, `-nan(ind)`).
 pub(crate) fn number(token: &[u8]) -> Option<f64> {
+    if let Some((value, [])) = quick_number(token) {
+        return Some(value);
+    }
     let text = std::str::from_utf8(token).ok()?;
     if let Ok(value) = text.parse() {
         return Some(value);
@@ -26,6 +29,46 @@ pub(crate) fn number(token: &[u8]) -> Option<f64> {
     } else {
         None
     }
+}
+
+/// The powers of ten that a 64-bit float holds exactly.
+const POWERS: [f64; 23] = [
+    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
+    1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
+];
+
+/// The number at the start of `text`, and what follows its last digit or point. Only where it is plain: digits that make
+/// a whole number which a float holds exactly, with a point among them or not. It and the power of ten are both exact then,
+/// so that their quotient is the nearest float, as it should be. `None` says nothing.
+#[inline]
+pub(crate) fn quick_number(text: &[u8]) -> Option<(f64, &[u8])> {
+    let (negative, mut rest) = match text {
+        [b'-', rest @ ..] => (true, rest),
+        _ => (false, text),
+    };
+    let mut whole = 0u64;
+    let before = rest.len();
+    while let [digit @ b'0'..=b'9', tail @ ..] = rest {
+        whole = whole.wrapping_mul(10).wrapping_add(u64::from(digit - b'0'));
+        rest = tail;
+    }
+    let mut digits = before - rest.len();
+    let mut scale = 0;
+    if let [b'.', tail @ ..] = rest {
+        rest = tail;
+        while let [digit @ b'0'..=b'9', tail @ ..] = rest {
+            whole = whole.wrapping_mul(10).wrapping_add(u64::from(digit - b'0'));
+            rest = tail;
+        }
+        scale = tail.len() - rest.len();
+        digits += scale;
+    }
+    // Of up to 19 digits, none was lost.
+    if digits == 0 || digits > 19 || whole > 1 << 53 {
+        return None;
+    }
+    let value = whole as f64 / POWERS.get(scale)?;
+    Some((if negative { -value } else { value }, rest))
 }
 
 /// The tokens of a line that stand between blanks or tabs.
@@ -88,7 +131,7 @@ fn parse_pieces(
 }
 
 /// Cuts `bytes` from `start` on at the first line end `size` bytes or more after each cut.
-fn pieces(bytes: &[u8], start: usize, size: usize) -> Vec<(usize, &[u8])> {
+pub(crate) fn pieces(bytes: &[u8], start: usize, size: usize) -> Vec<(usize, &[u8])> {
     let mut out = Vec::new();
     let mut offset = start;
     while let Some(rest) = bytes.get(offset..).filter(|rest| !rest.is_empty()) {
@@ -299,6 +342,39 @@ mod tests {
             assert_eq!(number(text.as_bytes()), None, "{text}");
         }
         assert_eq!(number(b"\xff"), None);
+    }
+
+    #[test]
+    fn quick_numbers_are_the_nearest() {
+        let mut state = 1u64;
+        for _ in 0..200_000 {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            let digits = format!(
+                "{:0width$}",
+                state >> (state & 63),
+                width = (state >> 58) as usize % 20
+            );
+            let at = (state >> 32) as usize % (digits.len() + 1);
+            let (before, after) = digits.split_at(at);
+            for text in [
+                digits.clone(),
+                format!("{before}.{after}"),
+                format!("-{before}.{after}"),
+            ] {
+                if let Some((value, rest)) = quick_number(text.as_bytes()) {
+                    assert!(rest.is_empty());
+                    let exact: f64 = text.parse().unwrap();
+                    assert_eq!(value.to_bits(), exact.to_bits(), "{text}");
+                }
+            }
+        }
+        assert_eq!(quick_number(b"-0.5e3"), Some((-0.5, &b"e3"[..])));
+        assert_eq!(quick_number(b"9007199254740993"), None);
+        for none in ["", ".", "-", "-.", "+1", "x", "00000000000000000001"] {
+            assert_eq!(quick_number(none.as_bytes()), None, "{none}");
+        }
     }
 
     #[test]

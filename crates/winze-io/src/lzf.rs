@@ -104,6 +104,10 @@ fn blocks(
 ) -> Result<(usize, usize), usize> {
     let mut rest = input;
     while rest.len() > spare[0] && out.len() >= at + spare[1] {
+        (rest, at) = easy_blocks(rest, out, at);
+        if rest.len() <= spare[0] || out.len() < at + spare[1] {
+            break;
+        }
         let Some((&control, tail)) = rest.split_first() else {
             break;
         };
@@ -133,6 +137,56 @@ fn blocks(
     Ok((input.len() - rest.len(), at))
 }
 
+/// Matches are copied so many bytes at a time.
+const STEP: usize = 8;
+
+/// Decompresses blocks as long as they need no care: far from both ends, and without a match that runs into its own
+/// output within a step. Returns what is left of the input and the new `at`; what comes next may be anything.
+fn easy_blocks<'a>(input: &'a [u8], out: &mut [u8], mut at: usize) -> (&'a [u8], usize) {
+    let mut rest = input;
+    while let Some(head) = rest.first_chunk::<LONGEST_BLOCK>() {
+        if out.len() < at + LONGEST_MATCH + LONGEST_LITERAL {
+            break;
+        }
+        let [control, literal @ ..] = head;
+        let control = usize::from(*control);
+        let (read, length);
+        if control < LONGEST_LITERAL {
+            length = control + 1;
+            read = length + 1;
+            let Some(to) = out.get_mut(at..).and_then(|out| out.first_chunk_mut()) else {
+                break;
+            };
+            *to = *literal;
+        } else {
+            let [first, second, ..] = literal.map(usize::from);
+            let long = control >> 5 == 7;
+            let (extra, low) = if long { (first, second) } else { (0, first) };
+            length = (control >> 5) + extra + 2;
+            read = 2 + usize::from(long);
+            let distance = ((control & 31) << 8 | low) + 1;
+            if distance < STEP || distance > at {
+                break;
+            }
+            let mut to = at;
+            while to < at + length {
+                let step = out
+                    .get(to - distance..)
+                    .and_then(|out| out.first_chunk::<STEP>());
+                let Some(step) = step.copied() else { break };
+                let Some(place) = out.get_mut(to..).and_then(|out| out.first_chunk_mut()) else {
+                    break;
+                };
+                *place = step;
+                to += STEP;
+            }
+        }
+        at += length;
+        rest = rest.get(read..).unwrap_or_default();
+    }
+    (rest, at)
+}
+
 /// Puts the first `length` bytes of `input` at `at`. `None` where there is no such place.
 fn copy_literal(out: &mut [u8], at: usize, input: &[u8], length: usize) -> Option<()> {
     let out = out.get_mut(at..).filter(|out| out.len() >= length)?;
@@ -151,7 +205,6 @@ fn copy_literal(out: &mut [u8], at: usize, input: &[u8], length: usize) -> Optio
 /// Repeats `length` bytes from `distance` before `at` on; a match may run into its own output.
 /// `None` where there is no such place.
 fn copy_match(out: &mut [u8], at: usize, distance: usize, length: usize) -> Option<()> {
-    const STEP: usize = 8;
     let from = at.checked_sub(distance)?;
     if at + length > out.len() {
         return None;

@@ -1,6 +1,7 @@
 //! From files to clouds.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::Read;
 use std::path::Path;
 
 use sha2::{Digest, Sha256};
@@ -9,6 +10,7 @@ use winze::Cloud;
 use crate::columns::Columns;
 use crate::error::{Error, Fault, Result};
 use crate::format::{Format, READABLE};
+use crate::narrow::{Narrow, Opened, Source};
 use crate::raw::Raw;
 use crate::{pcd, ply, text};
 
@@ -115,7 +117,27 @@ impl ReadReport {
 /// [`Cloud::with_intensity`] refuses its points. A text file without points is an error; a PCD or
 /// PLY file that announces none gives an empty cloud.
 pub fn read_cloud(path: &Path, options: &ReadOptions) -> Result<CloudFile> {
+    if !options.digest
+        && let Some(file) = read_narrow(path, options)
+    {
+        return Ok(file);
+    }
     read_cloud_as(path, &read_bytes(path)?, options)
+}
+
+/// As [`read_cloud`], without the whole file in memory. `None` where that is not the way for this file, or anything is
+/// wrong with it.
+fn read_narrow(path: &Path, options: &ReadOptions) -> Option<CloudFile> {
+    if !fs::metadata(path).ok()?.is_file() {
+        return None;
+    }
+    let mut file = File::open(path).ok()?;
+    let length = file.metadata().ok()?.len();
+    let longest = pcd::Stream::HEAD.max(ply::Stream::HEAD) as u64;
+    let mut head = Vec::new();
+    file.by_ref().take(longest).read_to_end(&mut head).ok()?;
+    let format = Format::from_extension(path).or_else(|| Format::from_content(&head))?;
+    decode_narrow(&head, &Opened::new(file, length), format, options)
 }
 
 /// All bytes of a file, which may be a pipe.
@@ -180,7 +202,10 @@ fn decode(
         Format::Ply => ply::decode(bytes),
         Format::Text => text::decode(bytes),
     };
-    let finisher = || finish(decoder()?, format, options, bytes.len() as u64);
+    let finisher = || match decode_narrow(bytes, &bytes, format, options) {
+        Some(file) => Ok(file),
+        None => finish(decoder()?, format, options, bytes.len() as u64),
+    };
     if !options.digest {
         return finisher();
     }
@@ -188,6 +213,71 @@ fn decode(
     let mut file = file?;
     file.report.digest = digest;
     Ok(file)
+}
+
+fn decode_narrow(
+    head: &[u8],
+    source: &dyn Source,
+    format: Format,
+    options: &ReadOptions,
+) -> Option<CloudFile> {
+    let (raw, narrow) = match format {
+        Format::Pcd => pcd::decode_narrow(head, source)?,
+        Format::Ply => ply::decode_narrow(head, source)?,
+        Format::Text => return None,
+    };
+    finish_narrow(raw, narrow, format, options, source.length())
+}
+
+/// Like [`finish`]: of points that are all finite and small, none is far, and the origin is (0, 0, 0).
+fn finish_narrow(
+    mut raw: Raw,
+    narrow: Narrow,
+    format: Format,
+    options: &ReadOptions,
+    bytes: u64,
+) -> Option<CloudFile> {
+    let Narrow {
+        mut points,
+        mut intensity,
+        zeros,
+        broken,
+    } = narrow;
+    let points_in_file = points.len();
+    let drop_zeros = options.no_returns.drops(zeros);
+    let no_returns = if drop_zeros { zeros } else { 0 };
+    raw.warnings.extend(no_returns_warning(no_returns));
+    if broken || drop_zeros {
+        let keep =
+            |p: &[f32; 3]| p.iter().all(|v| v.is_finite()) && !(drop_zeros && *p == [0.0; 3]);
+        let mut kept = points.iter().map(keep);
+        if let Some(intensity) = &mut intensity {
+            intensity.retain(|_| kept.next().unwrap_or(true));
+        }
+        points.retain(keep);
+    }
+    let kept = points.len();
+    let mut cloud = Cloud::with_origin([0.0; 3], points).ok()?;
+    if let Some(intensity) = intensity {
+        cloud = cloud.with_intensities(intensity);
+    }
+    Some(CloudFile {
+        cloud: cloud.seen_from(raw.seen_from),
+        report: ReadReport {
+            format,
+            encoding: raw.encoding,
+            points_in_file,
+            non_finite: points_in_file - no_returns - kept,
+            no_returns,
+            far: 0,
+            fields: raw.fields,
+            organised: raw.organised,
+            viewpoint: raw.viewpoint,
+            warnings: raw.warnings,
+            digest: String::new(),
+            bytes,
+        },
+    })
 }
 
 fn finish(

@@ -1,11 +1,12 @@
 //! The points of a PCD file.
 
-use super::header::{Field, Header};
+use super::header::{Claim, Field, Header};
 use super::values::Data;
 use crate::columns::{Columns, Row};
 use crate::error::{Fault, Place};
 use crate::lines::{blank_separated, number, parse_rows};
 use crate::lzf;
+use crate::narrow::{self, Line, Narrow, Records, Run, Scatter, Source};
 use crate::raw::{Raw, point_count};
 use crate::scalar::{Column, Order};
 
@@ -20,17 +21,113 @@ pub(crate) fn decode(bytes: &[u8]) -> Result<Raw, Fault> {
         Data::Binary => binary(&mut header, columns, bytes)?,
         Data::Compressed => compressed(&mut header, columns, bytes)?,
     };
-    let organised = header.organised(points.len() as u64);
+    let about = about(header, points.len());
     Ok(Raw {
         intensity: columns.intensity.map(|_| intensity),
+        points,
+        ..about
+    })
+}
+
+/// What the header says of a file with so many points.
+fn about(header: Header, count: usize) -> Raw {
+    let organised = header.organised(count as u64);
+    Raw {
         encoding: header.data.name().to_owned(),
         fields: header.names(),
         organised,
         viewpoint: header.viewpoint,
         seen_from: seen_from(header.viewpoint, organised.is_some()),
         warnings: header.warnings,
-        points,
-    })
+        ..Raw::default()
+    }
+}
+
+/// Like [`decode`], of a source whose header is in `head`, where the points are nothing but small numbers.
+pub(crate) fn decode_narrow(head: &[u8], source: &dyn Source) -> Option<(Raw, Narrow)> {
+    let mut header = Header::parse(head).ok()?;
+    let columns = header.find_columns().ok()?;
+    let body = header.body as u64;
+    let length = source.length().checked_sub(body)?;
+    let field = |header: &Header, column: usize| {
+        let field = header.fields.get(column)?;
+        Some((field.scalar, field.byte, field.count))
+    };
+    let narrow = match header.data {
+        Data::Ascii => {
+            let line = Line::new(text_columns(&header, columns), header.columns)?;
+            let row = row_parser(&header, columns);
+            let expected = match header.claim() {
+                Claim::One(count) => point_count(count).ok()?,
+                Claim::None | Claim::Disputed => 0,
+            };
+            let with_intensity = columns.intensity.is_some();
+            let mut narrow = narrow::text(source, body, expected, with_intensity, &line, row)?;
+            let held = narrow.points.len() as u64;
+            let count = header.settle(held).ok()?;
+            // More points than announced are a rare thing, and their zeros are not to be counted.
+            if held != count {
+                return None;
+            }
+            narrow.points.shrink_to_fit();
+            if let Some(intensity) = &mut narrow.intensity {
+                intensity.shrink_to_fit();
+            }
+            narrow
+        }
+        Data::Binary => {
+            let stride = header.stride.max(1);
+            let count = point_count(header.settle(length / stride).ok()?).ok()?;
+            let end = body + count as u64 * stride;
+            let rest = source.length() - end;
+            let mut buffer = Vec::new();
+            let tail = usize::try_from(rest).ok().filter(|&n| n <= 1 << 16)?;
+            let tail = source.bytes(end, tail, &mut buffer).ok()?;
+            if tail.iter().any(|&byte| byte != 0) {
+                header.warnings.push(bytes_ignored(rest));
+            }
+            let place = |column: usize| {
+                let (scalar, byte, _) = field(&header, column)?;
+                let offset = usize::try_from(byte).ok()?;
+                Some(narrow::Place { scalar, offset })
+            };
+            let [x, y, z] = columns.xyz.map(place);
+            let records = Records {
+                start: body,
+                stride: usize::try_from(stride).ok()?,
+                order: Order::Little,
+                xyz: [x?, y?, z?],
+                intensity: match columns.intensity {
+                    Some(column) => Some(place(column)?),
+                    None => None,
+                },
+            };
+            records.read(source, count)?
+        }
+        Data::Compressed => {
+            let mut sizes = [0; Packed::HEAD];
+            source.read(body, &mut sizes).ok()?;
+            let packed = Packed::read(&mut header, &sizes, length).ok()??;
+            let count = point_count(packed.count).ok()?;
+            let run = |column: usize| {
+                let (scalar, byte, values) = field(&header, column)?;
+                let start = byte.checked_mul(count as u64)?;
+                (values == 1).then_some(Run { scalar, start })
+            };
+            let [x, y, z] = columns.xyz.map(run);
+            let intensity = match columns.intensity {
+                Some(column) => Some(run(column)?),
+                None => None,
+            };
+            let mut scatter = Scatter::new([x?, y?, z?], intensity, count);
+            let mut input = narrow::onwards(source, body + Packed::HEAD as u64);
+            let unpacked = lzf::unpack(&mut input, packed.packed, packed.size, &mut scatter);
+            unpacked.ok()?.ok()?;
+            scatter.finish()?
+        }
+    };
+    let count = narrow.points.len();
+    Some((about(header, count), narrow))
 }
 
 /// Where the sensor stood. Most programs write the default viewpoint whatever the cloud is, so the
@@ -47,17 +144,7 @@ pub(super) fn row_parser(
     header: &Header,
     columns: Columns,
 ) -> impl Fn(&[u8]) -> Result<Option<Row>, String> + Sync + use<> {
-    // From fields to columns of text, which differ where a COUNT is above 1.
-    let column = |field: usize| {
-        header
-            .fields
-            .get(field)
-            .map_or(usize::MAX, |f| f.column as usize)
-    };
-    let wanted = Columns {
-        xyz: columns.xyz.map(column),
-        intensity: columns.intensity.map(column),
-    };
+    let wanted = text_columns(header, columns);
     let total = header.columns;
     move |line| {
         if line.is_empty() || line.starts_with(b"#") {
@@ -68,6 +155,20 @@ pub(super) fn row_parser(
             return Err(format!("{seen} values where FIELDS and COUNT make {total}"));
         }
         Ok(Some(row))
+    }
+}
+
+/// From fields to columns of text, which differ where a COUNT is above 1.
+fn text_columns(header: &Header, columns: Columns) -> Columns {
+    let column = |field: usize| {
+        header
+            .fields
+            .get(field)
+            .map_or(usize::MAX, |f| f.column as usize)
+    };
+    Columns {
+        xyz: columns.xyz.map(column),
+        intensity: columns.intensity.map(column),
     }
 }
 

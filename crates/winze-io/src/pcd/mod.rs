@@ -10,6 +10,6 @@ mod stream;
 mod values;
 mod write;
 
-pub(crate) use decode::decode;
+pub(crate) use decode::{decode, decode_narrow};
 pub(crate) use stream::Stream;
 pub(crate) use write::write;

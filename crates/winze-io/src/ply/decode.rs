@@ -5,6 +5,7 @@ use super::walk::{Body, Source};
 use crate::columns::{Columns, Row, shortened};
 use crate::error::{Fault, Place};
 use crate::lines::{blank_separated, number, parse_rows, skip_lines};
+use crate::narrow::{self, Narrow, Records};
 use crate::raw::{Raw, point_count};
 use crate::scalar::{Column, Order, Scalar};
 
@@ -147,6 +148,41 @@ pub(crate) fn decode(bytes: &[u8]) -> Result<Raw, Fault> {
         warnings: file.warnings,
         ..Raw::default()
     })
+}
+
+/// Like [`decode`], of a source whose header is in `head`, where the points are nothing but small binary numbers.
+pub(crate) fn decode_narrow(head: &[u8], source: &dyn narrow::Source) -> Option<(Raw, Narrow)> {
+    let file = Vertices::parse(head).ok()?;
+    let count = point_count(file.vertex.count).ok()?;
+    let Data::Binary(order) = file.data else {
+        return None;
+    };
+    let stride = file.vertex.fixed_size()?;
+    let mut start = file.body as u64;
+    for element in &file.before {
+        start = start.checked_add(element.count.checked_mul(element.fixed_size()?)?)?;
+    }
+    let held = source.length().checked_sub(start)?;
+    file.check_held(held, stride).ok()?;
+    let place = |column: usize| {
+        let (offset, scalar) = file.place(column);
+        narrow::Place { scalar, offset }
+    };
+    let records = Records {
+        start,
+        stride: usize::try_from(stride).ok()?,
+        order,
+        xyz: file.columns.xyz.map(place),
+        intensity: file.columns.intensity.map(place),
+    };
+    let narrow = records.read(source, count)?;
+    let about = Raw {
+        encoding: file.data.name().to_owned(),
+        fields: file.names,
+        warnings: file.warnings,
+        ..Raw::default()
+    };
+    Some((about, narrow))
 }
 
 fn no_vertices(elements: &[Element]) -> Fault {

@@ -11,6 +11,6 @@ mod stream;
 mod walk;
 mod write;
 
-pub(crate) use decode::decode;
+pub(crate) use decode::{decode, decode_narrow};
 pub(crate) use stream::Stream;
 pub(crate) use write::write;
