@@ -152,6 +152,7 @@ fn refiners(inputs: &Inputs, row: &mut impl FnMut(&str, usize, usize)) -> anyhow
     for (stage, metric, residual) in [
         ("icp-point", IcpMetric::PointToPoint, 2 * 3 * 3 + 12),
         ("icp-plane", IcpMetric::PointToPlane, ROW),
+        ("gicp", IcpMetric::Generalized, 3 * ROW),
     ] {
         let found = icp::align(&map, &query, &start, &settings::icp(metric));
         let each = q * (MOVED + levels(m) + DISTANCE + residual);

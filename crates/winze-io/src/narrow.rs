@@ -673,7 +673,7 @@ mod tests {
             seen(&[[f32::NAN, 5000.0, 0.0], [f32::INFINITY; 3]]),
             (0, true, false)
         );
-        assert_eq!(narrow(1024.000_001), (1024.0, true));
+        assert_eq!(narrow(1_024.000_001), (1024.0, true));
         assert_eq!(narrow(1e-60), (0.0, true));
         assert_eq!(narrow(-0.25), (-0.25, false));
         assert!(!narrow(f64::NAN).1 && !narrow(f64::INFINITY).1);

@@ -145,6 +145,7 @@ const WINZE: &[(&str, Stage)] = &[
     ("ndt", register::ndt),
     ("icp-point", register::icp_point),
     ("icp-plane", register::icp_plane),
+    ("gicp", register::gicp),
     ("chain", register::chain),
     ("relocalize-prepared", relocalize::prepared),
     ("relocalize", relocalize::raw),

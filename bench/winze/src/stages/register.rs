@@ -9,7 +9,7 @@ use winze::kdtree::KdTree;
 use winze::matching::{Correspondence, match_descriptors};
 use winze::prepare::{Surface, prepare};
 use winze::{Cloud, Config, Pose};
-use winze::{icp, ndt, ransac};
+use winze::{icp, ndt, normals, ransac};
 
 use super::Done;
 use crate::inputs::Inputs;
@@ -113,6 +113,32 @@ pub(super) fn icp_point(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Do
 pub(super) fn icp_plane(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {
     icp(inputs, bench, &settings::icp(IcpMetric::PointToPlane))
 }
+
+/// With normals, and so covariances, of the nearest points made anew.
+pub(super) fn gicp(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {
+    let start = inputs.pose("start.f64")?;
+    let (map, query): (Points, Points) =
+        (inputs.rows("map_thin.f32")?, inputs.rows("query_thin.f32")?);
+    let config = settings::icp(IcpMetric::Generalized);
+    let with_covariances = |points: &Points| {
+        let tree = KdTree::build(points);
+        let normals = normals::estimate(points, &tree, settings::nearest_normal());
+        Surface {
+            origin: [0.0; 3],
+            voxel: inputs.voxel,
+            points: Cow::Owned(points.clone()),
+            normals: Cow::Owned(normals),
+            tree,
+        }
+    };
+    let refined = bench.run(|| {
+        let (map, query) = (with_covariances(&map), with_covariances(&query));
+        Ok(icp::align(&map, &query, &start, &config))
+    })?;
+    Ok(Done::poses(&[refined.map_from_query], 0).noted("with the pose's information matrix"))
+}
+
+type Points = Vec<[f32; 3]>;
 
 fn icp(inputs: &Inputs, bench: &mut Bench, config: &IcpConfig) -> anyhow::Result<Done> {
     let (map, query) = (Arrays::of(inputs, "map")?, Arrays::of(inputs, "query")?);
