@@ -3,7 +3,7 @@
 
     compare.py JOBS      # JSON: a list of {"stage", "inputs", "theirs", "ours", ...}
 
-prints the list with `text`, what was found, and `comparable`, whether it is near enough; all else of a job stays.
+prints the list with `text`, what was found, `comparable`, whether it is near enough, and `right`, how many queries were placed right; all else of a job stays.
 """
 
 import json
@@ -81,7 +81,7 @@ def kept(_inputs, theirs, ours):
 def keypoints(_inputs, theirs, ours):
     theirs, ours = u32(theirs), u32(ours)
     share, more = shared(theirs, ours), len(theirs) / max(len(ours), 1) - 1.0
-    return f"{len(theirs)} ({more:+.1%}), {share:.1%} shared", abs(more) <= 0.25
+    return f"{len(theirs)} ({more:+.1%}), {share:.1%} shared", abs(more) <= 0.25 and share >= 0.5
 
 
 def distances(terms):
@@ -151,14 +151,17 @@ def as_text(error):
 
 
 def refined(margin):
-    """A pose is near enough where its error is at most `margin` metres (and as many tens of degrees) beyond winze's."""
+    """A pose is near enough where its error is at most `margin` metres (and as many tens of degrees) beyond winze's, and, winze's too, at most
+    half of what it began with: the stage has to refine."""
 
     def compare(inputs, theirs, ours):
         centroid, truth = inputs.points("query_0.f32").mean(axis=0, dtype=float), inputs.pose("truth.f64")
         theirs, ours = poses(theirs)[0], poses(ours)[0]
         off, own = apart(theirs, truth, centroid), apart(ours, truth, centroid)
+        begun = apart(inputs.pose("start.f64"), truth, centroid)
         text = f"{as_text(off)} from the truth, {as_text(apart(theirs, ours, centroid))} from winze's"
-        return text, off[0] <= own[0] + margin and off[1] <= own[1] + 10.0 * margin
+        gained = off[0] <= 0.5 * begun[0] and off[1] <= 0.5 * begun[1]
+        return text, gained and off[0] <= own[0] + margin and off[1] <= own[1] + 10.0 * margin
 
     return compare
 
@@ -185,7 +188,7 @@ def located(inputs, theirs, ours):
     middle = f", median {np.median([e[0] for e in good]) * 1000:.0f} mm" if good else ""
     # A pose may be given up, so that there are queries without one.
     text = f"{len(good)} of {len(theirs)} right{middle}"
-    return text, 2 * len(good) >= max(sum(map(right, ours)), 1)
+    return text, 2 * len(good) >= max(sum(map(right, ours)), 1), len(good)
 
 
 def made(_inputs, _theirs, _ours):
@@ -224,10 +227,10 @@ COMPARE = {
 def judged(job):
     """A job with its verdict."""
     try:
-        text, comparable = COMPARE[job["stage"]](Inputs(job["inputs"]), job["theirs"], job["ours"])
+        text, comparable, *right = COMPARE[job["stage"]](Inputs(job["inputs"]), job["theirs"], job["ours"])
     except (OSError, ValueError, IndexError) as error:
-        text, comparable = f"cannot be compared: {error}", False
-    return {**job, "text": text, "comparable": bool(comparable)}
+        text, comparable, right = f"cannot be compared: {error}", False, []
+    return {**job, "text": text, "comparable": bool(comparable), "right": right[0] if right else 0}
 
 
 def main():

@@ -267,17 +267,19 @@ def gicp(inputs, _threads):
 
 def described(raw, voxel_size):
     """A cloud as the paper's chain wants it: thin, with normals; its keypoints and their features."""
-    thin = raw.remove_statistical_outlier(NEIGHBOURS, DEVIATIONS)[0].voxel_down_sample(voxel_size)
-    thin.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(NEIGHBOURS))
+    thin = raw.remove_statistical_outliers(NEIGHBOURS, DEVIATIONS)[0].to_legacy().voxel_down_sample(voxel_size)
+    even = o3d.t.geometry.PointCloud.from_legacy(thin)
+    even.estimate_normals(max_nn=NEIGHBOURS)
+    thin = even.to_legacy()
     found = keypoints(thin, voxel_size)
     at = rows_of(thin.points, found.points).astype(np.int64)
     # The tensor interface's FPFH took two thirds of the legacy one's time.
-    features = TREG.compute_fpfh_feature(o3d.t.geometry.PointCloud.from_legacy(thin), None, 5.0 * voxel_size, Tensor(at))
+    features = TREG.compute_fpfh_feature(even, None, 5.0 * voxel_size, Tensor(at))
     return thin, thin.select_by_index(at), features
 
 
 def chain(inputs, _threads):
-    query, map_ = legacy(inputs.points("query_0.f32")), legacy(inputs.points("map.f32"))
+    query, map_ = tensor(inputs.points("query_0.f32")), tensor(inputs.points("map.f32"))
 
     def run():
         query_thin, query_keys, query_features = described(query, inputs.voxel)

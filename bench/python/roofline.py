@@ -18,11 +18,11 @@ import sys
 
 def seconds(runs: dict, threads: int) -> dict[str, float]:
     """Median wall time of each of winze's stages."""
-    return {
-        r["stage"]: statistics.median(r["wall"])
-        for r in runs["runs"]
-        if r["library"] == "winze" and r["input"] == "sim" and r["threads"] == threads and r.get("wall")
-    }
+    walls: dict[str, list[float]] = {}
+    for r in runs["runs"]:
+        if r["library"] == "winze" and r["input"] == "sim" and r["threads"] == threads and r.get("wall"):
+            walls.setdefault(r["stage"], []).extend(r["wall"])
+    return {stage: statistics.median(wall) for stage, wall in walls.items()}
 
 
 def row(stage: str, work: dict, machine: dict, took: float) -> str:

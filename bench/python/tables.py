@@ -88,9 +88,10 @@ def gathered(raw):
             cell[name] = statistics.median(cell[name]) if cell["runs"] else None
         told = compared.get(at, {})
         cell["result"] = told.get("text", "")
-        # What was not held against winze's result counts for nothing.
-        cell["comparable"] = bool(told.get("comparable")) or at[3] == REFERENCE
+        # What was not held against winze's result counts for nothing. winze's own is held against the truth, where there is one.
+        cell["comparable"] = bool(told.get("comparable", at[3] == REFERENCE))
         cell["instead"] = False
+        cell["right"] = told.get("right", 0)
     lend(cells)
     return cells
 
@@ -118,14 +119,20 @@ def standing(cells, input_, threads, stage):
     """winze beside the best peer at one stage: ratios above 1 are winze's lead. None where one of them is missing."""
     at = (input_, threads, stage)
     own = cells.get((*at, REFERENCE))
-    found = best(cells, at, "cpu", AGAINST.get(stage)) or best(cells, at, "cpu")
-    if own is None or own["failed"] or found is None:
+    named = AGAINST.get(stage)
+    found = best(cells, at, "cpu", named)
+    # Another peer than the one that the target names has no target.
+    target = TARGETS.get(stage) if found else None
+    if found is None:
+        named, found = None, best(cells, at, "cpu")
+    if own is None or own["failed"] or not own["comparable"] or found is None:
         return None
     library, peer = found
-    wall = best(cells, at, "wall", AGAINST.get(stage)) or best(cells, at, "wall")
+    wall = best(cells, at, "wall", named)
     least = best(cells, at, "own")[1]["own"]
-    target = TARGETS.get(stage)
     lead = over(peer["cpu"], own["cpu"])
+    # Of a peer that a target names winze must place as many right.
+    enough = named is None or own["right"] >= peer["right"]
     return {
         "own": own,
         "peer": peer,
@@ -134,7 +141,7 @@ def standing(cells, input_, threads, stage):
         "wall": over(wall[1]["wall"], own["wall"]),
         "memory": over(max(least, MEGABYTE), max(own["own"], MEGABYTE)),
         "target": target,
-        "reached": lead >= (target or 1),
+        "reached": lead >= (target or 1) and enough,
     }
 
 
@@ -217,7 +224,7 @@ def missing(cells, at):
         return [[at[2], "none", "", "", "", "", "", "", ""]]
     if own is None:
         return []
-    text = "failed" if own["failed"] else seconds(own["cpu"])
+    text = "failed" if own["failed"] else seconds(own["cpu"]) + ("" if own["comparable"] else ", wrong")
     return [[at[2], text, "", "none that is comparable", "", "", "", "", ""]]
 
 
@@ -250,7 +257,7 @@ def machine(raw):
     about = [f"{raw.get('date', '')}", m.get("cpu", ""), f"{m.get('cores', '?')} cores", m.get("kernel", ""), m.get("rustc", "")]
     load = ", ".join(f"{x:.2f}" for x in m.get("load", []))
     line = "; ".join(a for a in about if a) + (f"; load at the start {load}" if load else "")
-    return line + "; winze at " + m.get("commit", "?")[:12] + "."
+    return line + "; winze at " + m.get("commit", "?") + "."
 
 
 def versions(raw):

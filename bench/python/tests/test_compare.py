@@ -31,6 +31,7 @@ class Compare(unittest.TestCase):
             np.array([[10, 0, 0], [30, 0, 0]], np.float32).tofile(self.folder / f"query_{n}.f32")
             np.eye(4).tofile(self.folder / f"truth_{n}.f64")
         np.eye(4).tofile(self.folder / "truth.f64")
+        turned(5.0, (1.0, 0, 0)).tofile(self.folder / "start.f64")
 
     def held(self, stage, theirs, ours):
         job = {"stage": stage, "inputs": str(self.folder), "library": "PCL"}
@@ -95,6 +96,9 @@ class Compare(unittest.TestCase):
         self.assertFalse(self.held("gicp", far, near)[1])
         # Better than winze's is no fault.
         self.assertTrue(self.held("gicp", near, far)[1])
+        # Whoever stays where the start was has refined nothing, winze too.
+        stayed = turned(5.0, (0.9, 0, 0))
+        self.assertFalse(self.held("gicp", stayed, stayed)[1])
 
     def test_answers_are_counted(self):
         both, one = np.stack([np.eye(4)] * 2), np.stack([np.eye(4), turned(90)])

@@ -33,7 +33,7 @@ pub(crate) fn radius_normal(voxel: f64) -> Neighbourhood {
     }
 }
 
-/// Outlier removal, and the normals of a whole chain: turned to the open side, which FPFH needs.
+/// Outlier removal and normals, turned to the open side, which FPFH needs.
 pub(crate) fn prepare() -> PrepareConfig {
     PrepareConfig {
         denoise_first: true,
@@ -41,6 +41,16 @@ pub(crate) fn prepare() -> PrepareConfig {
         statistical_deviations: 2.0,
         normal_radius: Length::Voxels(NORMAL_RADIUS),
         ..PrepareConfig::default()
+    }
+}
+
+/// The same with normals of the nearest points, as the others' chains have them.
+fn prepare_in_chain() -> PrepareConfig {
+    PrepareConfig {
+        normal_radius: Length::Voxels(0.0),
+        normal_least: 0,
+        normal_most: NEAREST,
+        ..prepare()
     }
 }
 
@@ -90,6 +100,9 @@ pub(crate) fn ransac() -> RansacConfig {
     RansacConfig {
         inlier_distance: Length::Voxels(2.0),
         edge_similarity: 0.9,
+        // What the others do not have.
+        min_edge: Length::Voxels(0.0),
+        min_inliers: 3,
         max_samples: 100_000,
         min_samples: 1,
         confidence: 0.999,
@@ -127,7 +140,7 @@ pub(crate) fn icp(metric: IcpMetric) -> IcpConfig {
 pub(crate) fn chain() -> Config {
     Config {
         seed: SEED,
-        prepare: prepare(),
+        prepare: prepare_in_chain(),
         iss: iss(),
         fpfh: FpfhConfig {
             variant: DescriptorVariant::Paper,

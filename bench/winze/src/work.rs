@@ -86,7 +86,7 @@ pub(crate) fn of(inputs: &Inputs) -> anyhow::Result<Value> {
     );
     row(
         "radius",
-        p * (POINT + 4) + found * POINT,
+        p * (POINT + 4) + found.min(n) * POINT,
         p * levels(n) + found * DISTANCE,
     );
     drop(map);
@@ -156,11 +156,14 @@ fn refiners(inputs: &Inputs, row: &mut impl FnMut(&str, usize, usize)) -> anyhow
     ] {
         let found = icp::align(&map, &query, &start, &settings::icp(metric));
         let each = q * (MOVED + levels(m) + DISTANCE + residual);
-        row(
-            stage,
-            POINT * (2 * m + q),
-            m * levels(m) + found.iterations * each,
-        );
+        let tree = m * levels(m);
+        // GICP makes both clouds' covariances itself.
+        let own = |n: usize| n * (levels(n) + NEAREST * (DISTANCE + SCATTER) + EIGENVECTOR);
+        let (bytes, made) = match metric {
+            IcpMetric::Generalized => (POINT * (m + q), own(m) + own(q)),
+            _ => (POINT * (2 * m + q), tree),
+        };
+        row(stage, bytes, made + found.iterations * each);
     }
     Ok(())
 }

@@ -339,9 +339,7 @@ impl Scatter {
             broken: seen.broken,
         })
     }
-}
 
-impl Scatter {
     /// Takes all numbers that are whole in `bytes`, which follow those that came before. Returns how many bytes at the end
     /// belong to one that is not, and how many it lacks.
     fn put(&mut self, bytes: &[u8]) -> (usize, usize) {
@@ -444,6 +442,8 @@ pub(crate) fn onwards(source: &dyn Source, start: u64) -> impl Read {
 /// Text is read this many bytes at a time, and parsed in pieces.
 const TEXT_BLOCK: usize = 1 << 20;
 const TEXT_PIECE: usize = 1 << 17;
+/// Longer lines are for the other decoders.
+const LONGEST_LINE: usize = 16 << 20;
 
 /// Which number of a line goes where: an axis, the intensity (3), or nowhere (4).
 pub(crate) struct Line {
@@ -471,6 +471,10 @@ impl Line {
     /// as there are columns.
     #[inline]
     fn parse<'a>(&self, text: &'a [u8]) -> Option<([f64; 4], &'a [u8])> {
+        // A remark, or a line that is trimmed otherwise.
+        if matches!(text.trim_ascii_start(), [] | [b'#', ..]) {
+            return None;
+        }
         let mut values = [0.0; 4];
         let mut rest = text;
         for &slot in &self.slots {
@@ -482,7 +486,8 @@ impl Line {
                 (*value, rest) = quick_number(rest)?;
             } else {
                 while let [byte, tail @ ..] = rest
-                    && !matches!(byte, b' ' | b'\t' | b'\r' | b'\n')
+                    && !byte.is_ascii_whitespace()
+                    && *byte != 0x0b
                 {
                     rest = tail;
                 }
@@ -538,9 +543,14 @@ pub(crate) fn text(
         }
         let ended = filled < held.len();
         held.truncate(filled);
-        let end = match held.iter().rposition(|&b| b == b'\n') {
+        // What was held before has no end of a line.
+        let last = held
+            .get(had..)
+            .and_then(|new| new.iter().rposition(|&b| b == b'\n'));
+        let end = match last {
             _ if ended => held.len(),
-            Some(last) => last + 1,
+            Some(last) => had + last + 1,
+            None if held.len() > LONGEST_LINE => return None,
             None => 0,
         };
         let block = held.get(..end).unwrap_or_default();

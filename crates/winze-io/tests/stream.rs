@@ -96,6 +96,11 @@ fn zoo() -> Vec<(String, Vec<u8>)> {
         .iter()
         .map(|p| [p[0] + 431_234.567, p[1] + 4_499_980.459, p[2]])
         .collect();
+    // A remark between lines of which nobody wants the first column.
+    let header = "VERSION 0.7\nFIELDS label z y x\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 1 1 1 1\n\
+        WIDTH 3\nHEIGHT 1\nPOINTS 3\nDATA ascii\n";
+    let lines = "7 1 2 3\n# 1 2 3\n8 1.5 2 3\n\t# a word\n9 2 2 3\n";
+    put("a.pcd", format!("{header}{lines}").into_bytes());
     for points in [&small, &utm] {
         let intensity = [0.5; 40];
         for intensity in [None, Some(&intensity[..])] {

@@ -40,7 +40,6 @@ pub fn statistical(
     mark_statistical(
         &mut keep,
         &mut vec![0.0; points.len()],
-        points,
         tree,
         (neighbours, deviations),
     );
@@ -48,15 +47,14 @@ pub fn statistical(
 }
 
 /// As [`statistical`] with its `(neighbours, deviations)`: sets to 0 the marks of the points that go.
-/// `mean_distance` is scratch space, one a point.
+/// `mean_distance` is scratch space, one a point: of those in the tree, in its leaf order.
 pub(crate) fn mark_statistical(
     keep: &mut [u8],
     mean_distance: &mut [f64],
-    points: &[[f32; 3]],
     tree: &KdTree<'_>,
     (neighbours, deviations): (usize, f64),
 ) {
-    if neighbours == 0 || points.len() < 2 {
+    if neighbours == 0 || tree.len() < 2 {
         return;
     }
     // Points that are not finite are not in the tree, and have no say.
@@ -225,13 +223,7 @@ mod tests {
         }
         let tree = KdTree::build(&points);
         let mut mean = vec![0.0; points.len()];
-        mark_statistical(
-            &mut vec![1; points.len()],
-            &mut mean,
-            &points,
-            &tree,
-            (12, 3.0),
-        );
+        mark_statistical(&mut vec![1; points.len()], &mut mean, &tree, (12, 3.0));
         let mut found = Vec::new();
         // One a point, in the tree's order.
         for (i, mean) in tree.order().iter().zip(mean) {
@@ -254,6 +246,8 @@ mod tests {
             statistical(&points[..1], &KdTree::build(&points[..1]), 8, 1.0),
             [0]
         );
+        let one = [[1.0; 3], [f32::NAN; 3]];
+        assert_eq!(statistical(&one, &KdTree::build(&one), 8, 1.0), [0, 1]);
         assert!(statistical(&[], &KdTree::build(&[]), 8, 1.0).is_empty());
     }
 

@@ -133,10 +133,12 @@ fn by_place<C: Columns>(
         places[*name as usize] = place;
     }
     let place = |name: u32| {
-        if places.is_empty() {
+        if !places.is_empty() {
+            places[name as usize]
+        } else if (name as usize) < tree.len() {
             name
         } else {
-            places[name as usize]
+            NOWHERE
         }
     };
     let found = keypoints.iter().filter(|k| place(**k) != NOWHERE).count();
@@ -640,6 +642,39 @@ mod tests {
             );
         }
         assert_eq!(atan2(0.0, 0.0), 0.0);
+    }
+
+    #[test]
+    fn a_descriptor_does_not_hang_on_what_else_is_described() {
+        let s = surface(&drift(60_000, 12.0, 0.3, 0.0, 1), 0.08);
+        let n = s.points.len() as u32;
+        assert!(n as usize > BLOCK + BLOCK / 4, "{n}");
+        let config = FpfhConfig {
+            radius: Length::Metres(0.3),
+            ..config(DescriptorVariant::Paper, false)
+        };
+        let at = |keypoints: &[u32]| {
+            descriptors(&s.points, &s.normals, &s.tree, keypoints, &config, 0.08)
+        };
+        let all = at(&(0..n).collect::<Vec<_>>());
+        assert!(all.iter().filter(|d| **d != [0.0; DIMENSIONS]).count() as u32 > n / 2);
+        // One alone, from both ends, and many backwards, one of them twice.
+        for k in [0, 1, n / 2, n - 1] {
+            assert_eq!(at(&[k])[0], all[k as usize]);
+        }
+        let some: Vec<u32> = (0..n).rev().step_by(7).chain([5]).collect();
+        for (d, k) in at(&some).iter().zip(&some) {
+            assert_eq!(*d, all[*k as usize]);
+        }
+    }
+
+    #[test]
+    fn points_that_are_nowhere_have_no_descriptor() {
+        let points = [[f32::NAN; 3]];
+        let tree = KdTree::build(&points);
+        let config = config(DescriptorVariant::Paper, false);
+        let found = descriptors(&points, &[[0.0, 0.0, 1.0]], &tree, &[0], &config, 0.2);
+        assert_eq!(found, [[0.0; DIMENSIONS]]);
     }
 
     /// One pair's `[θ, α, φ]`, scaled to `[0, 1]`.

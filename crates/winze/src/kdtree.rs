@@ -327,13 +327,13 @@ impl<'a> KdTree<'a> {
     }
 
     /// Calls `each` with the places of the points of every leaf that can hold points within `√limit` of the box
-    /// from `low` to `high`, in order.
+    /// from `low` to `high`, in order, while it says `true`.
     pub(crate) fn leaves_near(
         &self,
         low: [f32; 3],
         high: [f32; 3],
         limit: f32,
-        mut each: impl FnMut(std::ops::Range<usize>),
+        mut each: impl FnMut(std::ops::Range<usize>) -> bool,
     ) {
         let finite = |v: &[f32; 3]| v.iter().all(|c| c.is_finite());
         if self.nodes.is_empty() || !finite(&low) || !finite(&high) {
@@ -349,7 +349,9 @@ impl<'a> KdTree<'a> {
             while squared(cut) <= limit {
                 let [split, axis, a, b] = nodes[at as usize];
                 if axis == LEAF_MARK {
-                    each(a as usize..b as usize);
+                    if !each(a as usize..b as usize) {
+                        return;
+                    }
                     break;
                 }
                 let (axis, split) = (axis as usize, f32::from_bits(split));

@@ -143,13 +143,14 @@ impl Neighbours {
         tree.leaves_near(low, high, self.limit, |range| {
             count += range.len();
             if count > most {
-                return;
+                return false;
             }
             if range.start == run.end {
                 run.end = range.end;
             } else {
                 take(std::mem::replace(&mut run, range));
             }
+            true
         });
         take(run);
         self.over = count > most;
@@ -322,8 +323,15 @@ pub(crate) fn offsets<S: Simd>(
     ([x, y, z], (x * x + y * y) + z * z)
 }
 
+/// Blocks that are summed in 32 bits before they go to a sum in 64, which any number of neighbours fits.
+const BLOCKS: u32 = 64;
+
 /// What becomes [`Moments`], in lanes.
 struct Sums<S: Simd> {
+    /// Of the blocks before the last few.
+    earlier: Moments,
+    /// Blocks that are in the lanes.
+    blocks: u32,
     count: u32,
     sum: [f32x16<S>; 3],
     square: [f32x16<S>; 6],
@@ -334,6 +342,8 @@ impl<S: Simd> Sums<S> {
     fn zero(simd: S) -> Self {
         let zero = f32x16::splat(simd, 0.0);
         Self {
+            earlier: Moments::default(),
+            blocks: 0,
             count: 0,
             sum: [zero; 3],
             square: [zero; 6],
@@ -363,21 +373,32 @@ impl<S: Simd> Sums<S> {
         self.square[3] += y * y;
         self.square[4] += y * z;
         self.square[5] += z * z;
+        self.blocks += 1;
+        if self.blocks == BLOCKS {
+            *self = Self {
+                earlier: self.total(),
+                ..Self::zero(simd)
+            };
+        }
     }
 
     #[inline(always)]
-    fn total(self) -> Moments {
-        let (sum, square) = (self.sum, self.square);
+    fn total(&self) -> Moments {
+        let (before, sum, square) = (&self.earlier, self.sum, self.square);
         Moments {
-            count: self.count,
-            sum: [total(sum[0]), total(sum[1]), total(sum[2])],
+            count: before.count + self.count,
+            sum: [
+                before.sum[0] + total(sum[0]),
+                before.sum[1] + total(sum[1]),
+                before.sum[2] + total(sum[2]),
+            ],
             square: [
-                total(square[0]),
-                total(square[1]),
-                total(square[2]),
-                total(square[3]),
-                total(square[4]),
-                total(square[5]),
+                before.square[0] + total(square[0]),
+                before.square[1] + total(square[1]),
+                before.square[2] + total(square[2]),
+                before.square[3] + total(square[3]),
+                before.square[4] + total(square[4]),
+                before.square[5] + total(square[5]),
             ],
         }
     }

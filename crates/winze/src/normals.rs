@@ -80,6 +80,11 @@ fn estimate_in_leaf_order(
     } else {
         around.most
     };
+    if nearest == 0 && radius.is_infinite() {
+        normals.fill([0.0; 3]);
+        return;
+    }
+    let nearest = nearest.min(tree.len());
     let (_, [xs, ys, zs]) = tree.parts();
     let at = |place: usize| [xs[place], ys[place], zs[place]];
     parallel::fill_groups(normals, GROUP, Search::default, |search, group, normals| {
@@ -371,6 +376,16 @@ mod tests {
                 "{points:?}"
             );
         };
+        let none = Neighbourhood {
+            most: 0,
+            ..NEAREST_20
+        };
+        let tree = KdTree::build(&tube());
+        assert!(
+            estimate(&tube(), &tree, none)
+                .iter()
+                .all(|n| *n == [0.0; 3])
+        );
         zero(&[]);
         zero(&[[1.0, 2.0, 3.0]]);
         zero(&[[1.0, 2.0, 3.0]; 7]);

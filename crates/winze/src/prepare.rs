@@ -151,7 +151,7 @@ pub fn prepare_in<C: Columns>(
         keep.fill(1);
         let mut distances = columns.zeros(points.len())?;
         let limits = (config.statistical_neighbours, config.statistical_deviations);
-        denoise::mark_statistical(&mut keep, &mut distances, &points, &tree, limits);
+        denoise::mark_statistical(&mut keep, &mut distances, &tree, limits);
         points = select(&points, &keep, columns)?;
     }
     if denoise && config.radius_neighbours > 0 {

@@ -182,7 +182,11 @@ mod tests {
                 &VerifyConfig::default(),
             );
             assert!(finer > 20.0 * error_of_it, "{finer} {error_of_it}");
-            for metric in [IcpMetric::PointToPoint, IcpMetric::PointToPlane] {
+            for metric in [
+                IcpMetric::PointToPoint,
+                IcpMetric::PointToPlane,
+                IcpMetric::Generalized,
+            ] {
                 let config = IcpConfig {
                     metric,
                     ..IcpConfig::default()

@@ -37,19 +37,6 @@ impl System {
         self.count += 1;
     }
 
-    /// Adds another's sums; the order of merging is part of the answer.
-    pub fn merge(&mut self, other: Self) {
-        for (a, b) in self.h.iter_mut().zip(other.h) {
-            *a += b;
-        }
-        for (a, b) in self.g.iter_mut().zip(other.g) {
-            *a += b;
-        }
-        self.cost += other.cost;
-        self.weight += other.weight;
-        self.count += other.count;
-    }
-
     /// The full symmetric matrix.
     #[must_use]
     pub fn matrix(&self) -> [[f64; 6]; 6] {

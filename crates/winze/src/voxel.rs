@@ -688,15 +688,17 @@ mod tests {
     #[test]
     fn buckets_tables_and_groups_give_the_same_bits() {
         let mut rng = Rng::new(4, 0);
-        for (half, origin) in [
-            (3.0, [0.0; 3]),
-            (40.0, [4.3e5, -4.5e6, 312.0]),
-            (400.0, [0.0; 3]),
+        // The last are several chunks.
+        for (half, origin, count) in [
+            (3.0, [0.0; 3], 60_000),
+            (40.0, [4.3e5, -4.5e6, 312.0], 60_000),
+            (400.0, [0.0; 3], 60_000),
+            (10.0, [0.0; 3], 300_000),
         ] {
-            let points: Vec<[f64; 3]> = (0..60_000)
+            let points: Vec<[f64; 3]> = (0..count)
                 .map(|_| std::array::from_fn(|a| origin[a] + rng.range(-half, half)))
                 .collect();
-            let intensity: Vec<f32> = (0..60_000).map(|i| (i % 251) as f32 * 0.1).collect();
+            let intensity: Vec<f32> = (0..count).map(|i| (i % 251) as f32 * 0.1).collect();
             let (c, _) = Cloud::with_intensity(&points, Some(&intensity)).unwrap();
             for voxel in [0.01, 0.2, 0.7, 5.0, 1e4] {
                 let lattice = Lattice::of(&c, voxel).unwrap();
@@ -710,7 +712,7 @@ mod tests {
     #[test]
     fn the_same_bits_at_any_thread_count() {
         let mut rng = Rng::new(3, 0);
-        let points: Vec<[f64; 3]> = (0..50_000)
+        let points: Vec<[f64; 3]> = (0..300_000)
             .map(|_| std::array::from_fn(|_| rng.range(0.0, 20.0)))
             .collect();
         let c = cloud(&points);

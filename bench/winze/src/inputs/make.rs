@@ -6,9 +6,10 @@ use std::path::Path;
 use serde_json::json;
 use winze::kdtree::KdTree;
 use winze::rng::Rng;
-use winze::{Cloud, Pose};
+use winze::{Cloud, Config, Pose};
 use winze::{fpfh, iss, matching, prepare, voxel};
 use winze_io::{Encoding, WriteOptions, write_cloud};
+use winze_map::BuildOptions;
 
 use crate::arrays::{bytes, flat, write};
 use crate::settings;
@@ -66,6 +67,13 @@ pub(crate) fn write_all(folder: &Path, question: &Question) -> anyhow::Result<()
     }
     let put = |name: &str, bytes: Vec<u8>| write(&folder.join(name), &bytes);
     put("map.f32", bytes(map.points()))?;
+    // Made here, so that the memory of its making is not lying about where queries are asked.
+    winze_map::build(
+        &[folder.join("map.pcd")],
+        &folder.join("map.wmap"),
+        &Config::default(),
+        &BuildOptions::default(),
+    )?;
     for (i, (query, truth)) in question.queries.iter().enumerate() {
         put(&format!("query_{i}.f32"), bytes(query.points()))?;
         put(&format!("truth_{i}.f64"), bytes(&truth.to_matrix()))?;

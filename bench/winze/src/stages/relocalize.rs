@@ -1,7 +1,7 @@
 //! From raw points to a pose, with no initial guess: `auto` with winze's defaults.
 
 use winze::{Cloud, Config, KeptMap, KeptQuery, Outcome, Pose, Request, locate, locate_in};
-use winze_map::{BuildOptions, Map};
+use winze_map::Map;
 
 use super::Done;
 use crate::inputs::Inputs;
@@ -24,16 +24,8 @@ fn cloud(points: &[[f32; 3]]) -> anyhow::Result<Cloud> {
 
 pub(super) fn prepared(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {
     let queries = queries(inputs)?;
-    let folder = tempfile::tempdir()?;
-    let file = folder.path().join("map.wmap");
     let config = Config::default();
-    winze_map::build(
-        &[inputs.path("map.pcd")],
-        &file,
-        &config,
-        &BuildOptions::default(),
-    )?;
-    let map = Map::open(&file)?;
+    let map = Map::open(&inputs.path("map.wmap"))?;
     let mut kept = KeptMap::prepared(&map);
     let request = Request::default();
     let outcomes = bench.run(|| {

@@ -194,3 +194,74 @@ fn mean(points: &[[f64; 3]]) -> [f64; 3] {
     let n = points.len().max(1) as f64;
     std::array::from_fn(|a| points.iter().map(|p| p[a]).sum::<f64>() / n)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ransac::squared_distance;
+    use crate::rng::Rng;
+    use proptest::prelude::*;
+
+    /// Pairs that a pose takes onto each other, to within about `off` metres, `far` from the origins.
+    fn pairs(seed: u64, n: usize, off: f64, far: f64) -> (Vec<[f64; 3]>, Vec<[f64; 3]>, Pose) {
+        let mut rng = Rng::new(seed, 0);
+        let turn = std::array::from_fn(|_| rng.range(-2.0, 2.0));
+        let pose = Pose::from_rotation_vector(turn, [far, -far, 0.3 * far]);
+        // As f32, which is what features are.
+        let f32s = |p: [f64; 3]| p.map(|v| f64::from(v as f32));
+        let query: Vec<[f64; 3]> = (0..n)
+            .map(|_| f32s(std::array::from_fn(|_| rng.range(-30.0, 30.0))))
+            .collect();
+        let map = query
+            .iter()
+            .map(|q| f32s(pose.transform(*q).map(|v| v + off * rng.normal())))
+            .collect();
+        (query, map, pose)
+    }
+
+    proptest! {
+        #[test]
+        fn nothing_within_the_limit_is_left_out(seed in 0u64..500, n in 0usize..200, limit in 1e-4..2.0f64, far in 0.0..3e4f64) {
+            let (query, map, pose) = pairs(seed, n, limit, far);
+            let mut found = vec![7];
+            Rough::new(&query, &map).within(&pose, limit, &mut found);
+            let within = |i: &u32| {
+                let i = *i as usize;
+                squared_distance(pose.transform(query[i]), map[i]) <= limit * limit
+            };
+            let expected: Vec<u32> = (0..n as u32).filter(within).collect();
+            prop_assert!(found.is_sorted() && found.iter().all(|i| (*i as usize) < n));
+            prop_assert!(expected.iter().all(|i| found.contains(i)));
+            // And few that are not: the margin is a hair.
+            if far < 100.0 && limit > 0.01 {
+                prop_assert!(found.len() <= expected.len() + 2 + n / 50, "{} {}", found.len(), expected.len());
+            }
+        }
+
+        #[test]
+        fn no_sample_whose_edges_agree_is_sifted_out(seed in 0u64..500, n in 3usize..60, off in 0.0..3.0f64, similarity in 0.0..1.0f64, shortest in 0.0..5.0f64) {
+            let (query, map, _) = pairs(seed, n, off, 100.0);
+            let rough = Rough::new(&query, &map);
+            let mut rng = Rng::new(seed, 1);
+            let drawn: Vec<Sample> = (0..BATCH)
+                .map(|_| std::array::from_fn(|_| rng.below(n as u32)))
+                .collect();
+            let agrees = |s: &&Sample| {
+                [(0, 1), (1, 2), (2, 0)].iter().all(|&(i, j)| {
+                    let (i, j) = (s[i] as usize, s[j] as usize);
+                    let (q, m) = (squared_distance(query[i], query[j]), squared_distance(map[i], map[j]));
+                    let (short, long) = (q.min(m), q.max(m));
+                    short >= shortest * shortest && short >= similarity * similarity * long
+                })
+            };
+            let mut next = drawn.iter();
+            let mut samples = [[0; 3]; BATCH];
+            let limits = rough.edge_limits(similarity, shortest);
+            let left = rough.sift(BATCH, || *next.next().unwrap(), &mut samples, limits);
+            let mut kept = samples[..left].iter();
+            for sample in drawn.iter().filter(agrees) {
+                prop_assert!(kept.any(|k| k == sample), "{sample:?} is gone");
+            }
+        }
+    }
+}
