@@ -146,21 +146,38 @@ impl Graph {
             shortest: config.min_edge.metres(voxel),
             angle: config.angle_tolerance,
         };
+        // Agreement is mutual, to the bit: half of it is asked and then mirrored.
         rows.par_chunks_mut(words)
             .zip(pairs)
-            .for_each(|(row, one)| {
+            .enumerate()
+            .for_each(|(i, (row, one))| {
                 cancel::check();
-                for (j, other) in pairs.iter().enumerate() {
+                for (j, other) in pairs.iter().enumerate().skip(i + 1) {
                     if agree.holds(one, other) {
                         row[j / 64] |= 1 << (j % 64);
                     }
                 }
             });
-        Self {
+        let mut graph = Self {
             words,
             rows,
             count: pairs.len(),
+        };
+        for i in 0..graph.count {
+            // Those after it alone: what was mirrored into this row lies before.
+            for w in i / 64..words {
+                let mut bits = graph.rows[i * words + w];
+                if w == i / 64 {
+                    bits &= (!0 << (i % 64)) << 1;
+                }
+                while bits != 0 {
+                    let j = 64 * w + bits.trailing_zeros() as usize;
+                    bits &= bits - 1;
+                    graph.rows[j * words + i / 64] |= 1 << (i % 64);
+                }
+            }
         }
+        graph
     }
 
     fn row(&self, i: usize) -> &[u64] {
@@ -350,6 +367,29 @@ mod tests {
 
     fn anything(_: &Pose) -> bool {
         true
+    }
+
+    #[test]
+    fn agreement_is_mutual() {
+        let pose = Pose::from_rotation_vector([0.4, 2.0, -1.0], [12.0, -7.0, 3.0]);
+        let pairs = pairs(&[pose], 70, 130, 0.1);
+        let config = GraphConfig::default();
+        let graph = Graph::of(&pairs, &config, 0.2);
+        let agree = Agreement {
+            tolerance: config.inlier_distance.metres(0.2),
+            stretch: config.stretch,
+            shortest: config.min_edge.metres(0.2),
+            angle: config.angle_tolerance,
+        };
+        let mut edges = 0;
+        for (i, a) in pairs.iter().enumerate() {
+            let expected: Vec<usize> = (0..pairs.len())
+                .filter(|&j| i != j && agree.holds(a, &pairs[j]))
+                .collect();
+            assert_eq!(graph.neighbours(i).collect::<Vec<_>>(), expected, "{i}");
+            edges += expected.len();
+        }
+        assert!(edges > 1000, "{edges}");
     }
 
     #[test]
