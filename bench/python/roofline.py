@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""How far each stage of winze is from what the machine can do: `bench/ROOFLINE.md`'s table.
+"""How far each stage of winze is from what the machine can do.
 
     bench-winze limits INPUTS > limits.json
     python bench/python/roofline.py limits.json RUNS.json.gz

@@ -64,7 +64,7 @@ enum Verb {
         #[arg(long, requires = "drift")]
         bare: bool,
     },
-    /// Tell what this machine does a second, and what each stage must do at least (for bench/ROOFLINE.md).
+    /// Tell what this machine does a second, and what each stage must do at least.
     Limits {
         /// Folder of the inputs.
         inputs: PathBuf,
