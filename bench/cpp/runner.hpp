@@ -26,7 +26,7 @@
 namespace bench {
 
 struct Arguments {
-  std::string library;
+  std::string named;  // the library
   std::string version;
   std::string stage;
   std::filesystem::path inputs;
@@ -151,7 +151,7 @@ void measure(const Arguments& args, const std::string& note, Work work, Show sho
     if (!file.flush()) throw std::runtime_error("cannot write " + args.out.string());
   }
   std::ostringstream line;
-  line << "{\"library\": " << quoted(args.library) << ", \"version\": " << quoted(args.version)
+  line << "{\"library\": " << quoted(args.named) << ", \"version\": " << quoted(args.version)
             << ", \"stage\": " << quoted(args.stage) << ", \"input\": " << quoted(args.inputs.filename().string())
             << ", \"threads\": " << args.threads << ", \"wall\": " << list(wall) << ", \"cpu\": " << list(cpu)
             << ", \"rss_before\": " << before << ", \"rss_peak\": " << peak << ", \"count\": " << shown.count
@@ -171,7 +171,7 @@ inline Arguments arguments(int argc, char** argv) {
     const std::string name = argv[i];
     if (i + 1 == argc) throw std::runtime_error(name + ": no value");
     const char* value = argv[i + 1];
-    if (name == "--library") args.library = value;
+    if (name == "--library") args.named = value;
     else if (name == "--inputs") args.inputs = std::filesystem::canonical(value);
     else if (name == "--stage") args.stage = value;
     else if (name == "--threads") args.threads = number(name, value);
@@ -189,7 +189,7 @@ inline int run(int argc, char** argv, const std::string& library, const std::str
       return 0;
     }
     Arguments args = arguments(argc, argv);
-    if (args.library != library) throw std::runtime_error("--library: this runner has " + library);
+    if (args.named != library) throw std::runtime_error("--library: this runner has " + library);
     if (args.inputs.empty()) throw std::runtime_error("--inputs: which folder?");
     args.version = version;
     // What the libraries have to say to standard output goes to the errors: the line of JSON has it to itself.

@@ -91,12 +91,16 @@ Features::Ptr features_of(const Cloud::Ptr& points, const Cloud::Ptr& cloud, con
   return features;
 }
 
-pcl::CorrespondencesPtr matches_of(const Features::Ptr& query, const Features::Ptr& map) {
+pcl::CorrespondencesPtr matches_of(const Features::Ptr& query, const Features::Ptr& map, bool mutual) {
   Estimation estimation;
   estimation.setInputSource(query);
   estimation.setInputTarget(map);
   auto matches = std::make_shared<pcl::Correspondences>();
-  estimation.determineCorrespondences(*matches);
+  if (mutual) {
+    estimation.determineReciprocalCorrespondences(*matches);
+  } else {
+    estimation.determineCorrespondences(*matches);
+  }
   return matches;
 }
 
@@ -133,26 +137,17 @@ void fpfh_keypoints(const bench::Arguments& args) {
       args, "FPFHEstimationOMP; which points it needs is found without threads", [&] { return features_of(keypoints, map, given, v, args.threads); }, show_features);
 }
 
-void match(const bench::Arguments& args) {
+namespace {
+
+void matched(const bench::Arguments& args, bool mutual) {
   const Features::Ptr query = features(args, "query_fpfh.f32");
   const Features::Ptr map = features(args, "map_fpfh.f32");
-  bench::measure(args, "CorrespondenceEstimation; no threads", [&] { return matches_of(query, map); }, show_matches);
+  bench::measure(args, "CorrespondenceEstimation; no threads", [&] { return matches_of(query, map, mutual); }, show_matches);
 }
 
-void match_mutual(const bench::Arguments& args) {
-  const Features::Ptr query = features(args, "query_fpfh.f32");
-  const Features::Ptr map = features(args, "map_fpfh.f32");
-  bench::measure(
-      args, "CorrespondenceEstimation; no threads",
-      [&] {
-        Estimation estimation;
-        estimation.setInputSource(query);
-        estimation.setInputTarget(map);
-        auto matches = std::make_shared<pcl::Correspondences>();
-        estimation.determineReciprocalCorrespondences(*matches);
-        return matches;
-      },
-      show_matches);
-}
+}  // namespace
+
+void match(const bench::Arguments& args) { matched(args, false); }
+void match_mutual(const bench::Arguments& args) { matched(args, true); }
 
 }  // namespace stages

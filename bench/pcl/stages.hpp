@@ -29,7 +29,7 @@ Cloud::Ptr thinned(const Cloud::Ptr& cloud, double v);
 Normals::Ptr normals_of(const Cloud::Ptr& cloud, int threads);
 pcl::Indices keypoints_of(const Cloud::Ptr& cloud, double v, int threads);
 Features::Ptr features_of(const Cloud::Ptr& points, const Cloud::Ptr& cloud, const Normals::Ptr& normals, double v, int threads);
-pcl::CorrespondencesPtr matches_of(const Features::Ptr& query, const Features::Ptr& map);
+pcl::CorrespondencesPtr matches_of(const Features::Ptr& query, const Features::Ptr& map, bool mutual = false);
 Eigen::Matrix4d pose_of(const Cloud::Ptr& query, const Cloud::Ptr& map, double v, int threads);
 
 // Stages.

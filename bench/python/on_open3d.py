@@ -201,20 +201,20 @@ def match(mutual):
     return stage
 
 
+def sampling(within):
+    """RANSAC's settings: the inlier distance, and what follows it in both of its calls."""
+    checks = [REG.CorrespondenceCheckerBasedOnEdgeLength(EDGE_SIMILARITY), REG.CorrespondenceCheckerBasedOnDistance(within)]
+    criteria = REG.RANSACConvergenceCriteria(SAMPLES, CONFIDENCE)
+    return within, REG.TransformationEstimationPointToPoint(False), 3, checks, criteria
+
+
 def sampled(query, map_, pairs, voxel_size):
     within = 2.0 * voxel_size
     return REG.registration_ransac_based_on_correspondence(
         query,
         map_,
         pairs,
-        within,
-        REG.TransformationEstimationPointToPoint(False),
-        3,
-        [
-            REG.CorrespondenceCheckerBasedOnEdgeLength(EDGE_SIMILARITY),
-            REG.CorrespondenceCheckerBasedOnDistance(within),
-        ],
-        REG.RANSACConvergenceCriteria(SAMPLES, CONFIDENCE),
+        *sampling(within),
     ).transformation
 
 
@@ -312,14 +312,7 @@ def located(raw, map_, voxel_size):
         query_feature,
         map_feature,
         True,
-        within,
-        REG.TransformationEstimationPointToPoint(False),
-        3,
-        [
-            REG.CorrespondenceCheckerBasedOnEdgeLength(EDGE_SIMILARITY),
-            REG.CorrespondenceCheckerBasedOnDistance(within),
-        ],
-        REG.RANSACConvergenceCriteria(SAMPLES, CONFIDENCE),
+        *sampling(within),
     ).transformation
     for distance in (2.0 * voxel_size, voxel_size):
         pose = REG.registration_icp(

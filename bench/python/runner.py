@@ -39,7 +39,7 @@ STAGES = {
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--stages", action="store_true", help="list what there is, a line each")
-    parser.add_argument("--library", choices=LIBRARIES, type=known_as)
+    parser.add_argument("--library", dest="name", choices=LIBRARIES, type=known_as)
     parser.add_argument("--inputs")
     parser.add_argument("--stage")
     parser.add_argument("--threads", type=int, default=1)
@@ -48,10 +48,10 @@ def arguments():
     given = parser.parse_args()
     if given.stages:
         return given
-    if not (given.library and given.inputs and given.stage):
+    if not (given.name and given.inputs and given.stage):
         parser.error("--library, --inputs and --stage, or --stages")
-    if given.stage not in STAGES[given.library]:
-        parser.error(f"{given.library} has no stage {given.stage}")
+    if given.stage not in STAGES[given.name]:
+        parser.error(f"{given.name} has no stage {given.stage}")
     if given.threads < 1 or given.repeat < 1:
         parser.error("--threads and --repeat are at least 1")
     return given
@@ -71,7 +71,7 @@ def main():
         return
     # Before the import: OpenMP looks once.
     os.environ["OMP_NUM_THREADS"] = str(given.threads)
-    module, package = LIBRARIES[given.library]
+    module, package = LIBRARIES[given.name]
     library = importlib.import_module(module)
     library.limit(given.threads)
 
@@ -90,7 +90,7 @@ def main():
     else:
         count = 0 if array is None else len(array)
     line = {
-        "library": given.library,
+        "library": given.name,
         "version": importlib.metadata.version(package),
         "stage": given.stage,
         "input": inputs.name,

@@ -163,16 +163,17 @@ fn measure_stage(args: &Args) -> anyhow::Result<()> {
     let (Some(folder), Some(stage)) = (&args.inputs, &args.stage) else {
         anyhow::bail!("--inputs and --stage are wanted");
     };
+    let Args { library, .. } = *args;
     let inputs = Inputs::open(folder)?;
     let mut bench = Bench::new(Plan::Timed(args.repeat));
-    let done = run(args.library, stage, &inputs, args.threads, &mut bench)?;
+    let done = run(library, stage, &inputs, args.threads, &mut bench)?;
     if let Some(out) = &args.out {
         arrays::write(out, &done.bytes)?;
     }
     let figures = &bench.figures;
     let line = json!({
-        "library": args.library.name(),
-        "version": args.library.version(),
+        "library": library.name(),
+        "version": library.version(),
         "stage": stage,
         "input": inputs.name,
         "threads": args.threads,

@@ -261,23 +261,14 @@ fn finish_narrow(
     if let Some(intensity) = intensity {
         cloud = cloud.with_intensities(intensity);
     }
-    Some(CloudFile {
-        cloud: cloud.seen_from(raw.seen_from),
-        report: ReadReport {
-            format,
-            encoding: raw.encoding,
-            points_in_file,
-            non_finite: points_in_file - no_returns - kept,
-            no_returns,
-            far: 0,
-            fields: raw.fields,
-            organised: raw.organised,
-            viewpoint: raw.viewpoint,
-            warnings: raw.warnings,
-            digest: String::new(),
-            bytes,
-        },
-    })
+    let dropped = (points_in_file - no_returns - kept, 0);
+    Some(made(
+        cloud,
+        raw,
+        (format, bytes),
+        (points_in_file, no_returns),
+        dropped,
+    ))
 }
 
 fn finish(
@@ -292,15 +283,34 @@ fn finish(
     let (cloud, dropped) =
         Cloud::with_intensity(&raw.points, raw.intensity.as_deref()).map_err(Fault::Rejected)?;
     raw.warnings.extend(far_warning(dropped.far));
-    Ok(CloudFile {
+    let dropped = (dropped.non_finite, dropped.far);
+    Ok(made(
+        cloud,
+        raw,
+        (format, bytes),
+        (points_in_file, no_returns),
+        dropped,
+    ))
+}
+
+/// A cloud with its report: what the file is and its size, how many points it holds and how many of them are no returns, and how
+/// many were not finite or too far.
+fn made(
+    cloud: Cloud,
+    raw: Raw,
+    (format, bytes): (Format, u64),
+    (points_in_file, no_returns): (usize, usize),
+    (non_finite, far): (usize, usize),
+) -> CloudFile {
+    CloudFile {
         cloud: cloud.seen_from(raw.seen_from),
         report: ReadReport {
             format,
             encoding: raw.encoding,
             points_in_file,
-            non_finite: dropped.non_finite,
+            non_finite,
             no_returns,
-            far: dropped.far,
+            far,
             fields: raw.fields,
             organised: raw.organised,
             viewpoint: raw.viewpoint,
@@ -308,7 +318,7 @@ fn finish(
             digest: String::new(),
             bytes,
         },
-    })
+    }
 }
 
 pub(crate) fn no_returns_warning(count: usize) -> Option<String> {

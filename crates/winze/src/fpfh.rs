@@ -21,6 +21,7 @@ use crate::columns::{Columns, Memory};
 use crate::config::{DescriptorVariant, FpfhConfig};
 use crate::kdtree::KdTree;
 use crate::neighbours::{GROUP, LANES, Neighbours, offsets};
+use crate::simd::bits;
 
 /// Bins of one histogram.
 pub const BINS: usize = 11;
@@ -210,10 +211,8 @@ impl Described<'_> {
                 mark(axes, self.at(*place), self.radius, &mut search.within);
             }
             for (block, within) in all.chunks(LANES).zip(&search.within) {
-                let mut within = *within;
-                while within != 0 {
-                    let place = block[within.trailing_zeros() as usize] as usize;
-                    within &= within - 1;
+                for k in bits(*within) {
+                    let place = block[k] as usize;
                     let (word, bit) = (&seen[place / 64], 1 << (place % 64));
                     if word.load(Ordering::Relaxed) & bit == 0 {
                         word.fetch_or(bit, Ordering::Relaxed);
@@ -223,14 +222,12 @@ impl Described<'_> {
         });
         let mut needed = Vec::new();
         for (first, word) in (0u32..).step_by(64).zip(seen) {
-            let mut bits = word.load(Ordering::Relaxed);
-            if bits == 0 {
+            let marked = word.load(Ordering::Relaxed);
+            if marked == 0 {
                 continue;
             }
             word.store(0, Ordering::Relaxed);
-            while bits != 0 {
-                let place = first + bits.trailing_zeros();
-                bits &= bits - 1;
+            for place in bits(marked).map(|k| first + k as u32) {
                 if self.normal(place) != [0.0; 3] {
                     needed.push(place);
                 }
@@ -345,7 +342,7 @@ fn weigh<S: Simd>(
     let (mut first, mut second, mut last, mut count) = (zero, zero, 0.0f32, 0);
     for (b, slots) in slots.chunks(LANES).enumerate() {
         let (_, d2) = offsets(simd, axes, b, q);
-        let mut within = d2.simd_le(limit).to_bitmask() & d2.simd_gt(zero).to_bitmask();
+        let within = d2.simd_le(limit).to_bitmask() & d2.simd_gt(zero).to_bitmask();
         if within == 0 {
             continue;
         }
@@ -353,9 +350,7 @@ fn weigh<S: Simd>(
             DescriptorVariant::Paper => (one / d2.sqrt()).into(),
             DescriptorVariant::Pcl | DescriptorVariant::Open3d => (one / d2).into(),
         };
-        while within != 0 {
-            let k = within.trailing_zeros() as usize;
-            within &= within - 1;
+        for k in bits(within) {
             let slot = (slots[k] as usize).wrapping_sub(1);
             let Some(row) = spfh.get(slot) else {
                 continue;

@@ -21,6 +21,7 @@ use crate::matching::Correspondence;
 use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::ransac::Hypothesis;
+use crate::simd::bits;
 use crate::vec3::{cross, dot, sub};
 
 /// A correspondence between two points of surfaces, offsets in metres, with the surfaces' unit normals.
@@ -166,14 +167,12 @@ impl Graph {
         for i in 0..graph.count {
             // Those after it alone: what was mirrored into this row lies before.
             for w in i / 64..words {
-                let mut bits = graph.rows[i * words + w];
+                let mut after = graph.rows[i * words + w];
                 if w == i / 64 {
-                    bits &= (!0 << (i % 64)) << 1;
+                    after &= (!0 << (i % 64)) << 1;
                 }
-                while bits != 0 {
-                    let j = 64 * w + bits.trailing_zeros() as usize;
-                    bits &= bits - 1;
-                    graph.rows[j * words + i / 64] |= 1 << (i % 64);
+                for j in bits(after) {
+                    graph.rows[(64 * w + j) * words + i / 64] |= 1 << (i % 64);
                 }
             }
         }
@@ -185,13 +184,8 @@ impl Graph {
     }
 
     fn neighbours(&self, i: usize) -> impl Iterator<Item = usize> + '_ {
-        self.row(i).iter().enumerate().flat_map(|(w, &bits)| {
-            std::iter::successors((bits != 0).then_some(bits), |b| {
-                let rest = b & (b - 1);
-                (rest != 0).then_some(rest)
-            })
-            .map(move |b| 64 * w + b.trailing_zeros() as usize)
-        })
+        let words = self.row(i).iter().enumerate();
+        words.flat_map(|(w, &word)| bits(word).map(move |b| 64 * w + b))
     }
 
     fn common(&self, i: usize, j: usize) -> u32 {

@@ -19,6 +19,7 @@ use rayon::prelude::*;
 
 use crate::cancel;
 use crate::columns::{Columns, Memory};
+use crate::simd::bits;
 
 /// A neighbour of a query point.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -226,7 +227,7 @@ impl<'a> KdTree<'a> {
             distance_squared: radius * radius,
         };
         self.visit(query, best.distance_squared, |start, distances, within| {
-            for i in places(within) {
+            for i in bits(within) {
                 let d = distances[i];
                 if d <= best.distance_squared {
                     let index = self.name(start + i);
@@ -251,7 +252,7 @@ impl<'a> KdTree<'a> {
             distance_squared: f32::INFINITY,
         };
         self.visit(query, f32::INFINITY, |start, distances, within| {
-            for i in places(within) {
+            for i in bits(within) {
                 let d = distances[i];
                 let index = self.name(start + i);
                 if d > 0.0
@@ -283,7 +284,7 @@ impl<'a> KdTree<'a> {
             } else {
                 limit
             };
-            for i in places(within) {
+            for i in bits(within) {
                 let d = distances[i];
                 if d <= worst {
                     let new = Neighbour {
@@ -317,7 +318,7 @@ impl<'a> KdTree<'a> {
     pub fn within(&self, query: [f32; 3], radius: f32, mut each: impl FnMut(u32, f32)) {
         let limit = radius * radius;
         self.visit(query, limit, |start, distances, within| {
-            for i in places(within) {
+            for i in bits(within) {
                 if distances[i].is_finite() {
                     each(self.name(start + i), distances[i]);
                 }
@@ -445,16 +446,6 @@ fn lanes<S: Simd>(simd: S, axis: &[f32], start: usize, count: usize) -> f32x16<S
     f32x16::from_slice(simd, &padded)
 }
 
-/// The places of the bits that are set, ascending.
-#[inline(always)]
-fn places(mut bits: u64) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let place = bits.trailing_zeros() as usize;
-        bits &= bits.wrapping_sub(1);
-        (place < 64).then_some(place)
-    })
-}
-
 /// `cut` changed along one axis, without a detour through memory, which a store at a variable place would be.
 #[inline(always)]
 fn with(cut: [f32; 3], axis: usize, change: impl Fn(f32) -> f32) -> [f32; 3] {
@@ -463,7 +454,7 @@ fn with(cut: [f32; 3], axis: usize, change: impl Fn(f32) -> f32) -> [f32; 3] {
 
 /// The order of operations matters: branch bounds and point distances must round alike.
 #[inline]
-fn squared(d: [f32; 3]) -> f32 {
+pub(crate) fn squared(d: [f32; 3]) -> f32 {
     (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
 }
 

@@ -83,6 +83,9 @@ impl Moments {
     }
 }
 
+/// See [`Neighbours::room`].
+type Room<'a> = ([&'a [f32]; 3], &'a mut [f32], &'a mut [u32], f32);
+
 impl Neighbours {
     /// Gathers what lies within `radius` of the first of `members`, as many of them as lie together, and tells how many
     /// these are. A member is told by its number.
@@ -214,6 +217,18 @@ impl Neighbours {
         ))
     }
 
+    /// What is gathered, an array an axis; room for the distances of its blocks and for their numbers; and the squared
+    /// radius. `None` where too many were near.
+    fn room(&mut self) -> Option<Room<'_>> {
+        if self.over {
+            return None;
+        }
+        self.squared.resize(self.axes[0].len(), 0.0);
+        self.blocks.resize(self.axes[0].len() / LANES, 0);
+        let axes = self.axes.each_ref().map(|a| &a[..]);
+        Some((axes, &mut self.squared, &mut self.blocks, self.limit))
+    }
+
     /// Sums over the `count` nearest to `q`, one of the group's members, itself among them, and a squared distance within
     /// which they lie and no others; `None` where fewer lie within the radius, too many were near, or the last one is as
     /// far as the next. `guess` is the squared distance that is tried first.
@@ -223,13 +238,7 @@ impl Neighbours {
         count: usize,
         guess: f32,
     ) -> Option<(Moments, f32)> {
-        if self.over {
-            return None;
-        }
-        self.squared.resize(self.axes[0].len(), 0.0);
-        self.blocks.resize(self.axes[0].len() / LANES, 0);
-        let axes = self.axes.each_ref().map(|a| &a[..]);
-        let (squared, blocks, limit) = (&mut self.squared[..], &mut self.blocks[..], self.limit);
+        let (axes, squared, blocks, limit) = self.room()?;
         dispatch!(Level::new(), simd => simd.vectorize(
             #[inline(always)]
             || {
@@ -253,13 +262,7 @@ impl Neighbours {
         count: usize,
         guess: f32,
     ) -> Option<(f64, f32)> {
-        if self.over {
-            return None;
-        }
-        self.squared.resize(self.axes[0].len(), 0.0);
-        self.blocks.resize(self.axes[0].len() / LANES, 0);
-        let axes = self.axes.each_ref().map(|a| &a[..]);
-        let (squared, blocks, limit) = (&mut self.squared[..], &mut self.blocks[..], self.limit);
+        let (axes, squared, blocks, limit) = self.room()?;
         dispatch!(Level::new(), simd => simd.vectorize(
             #[inline(always)]
             || {

@@ -13,9 +13,26 @@ pub(crate) fn wide<R>(f: impl FnOnce() -> R) -> R {
     dispatch!(Level::new(), simd => fearless_simd::Simd::vectorize(simd, f))
 }
 
+/// The places of the bits that are set, ascending.
+#[inline(always)]
+pub(crate) fn bits(mut word: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let place = word.trailing_zeros() as usize;
+        word &= word.wrapping_sub(1);
+        (place < 64).then_some(place)
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn set_bits_come_in_order() {
+        assert_eq!(bits(0).count(), 0);
+        assert_eq!(bits(1 << 63 | 0b1010).collect::<Vec<_>>(), [1, 3, 63]);
+        assert!(bits(u64::MAX).eq(0..64));
+    }
 
     #[test]
     fn the_same_bits_as_a_plain_loop() {

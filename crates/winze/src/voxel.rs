@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use crate::cancel;
 use crate::cloud::Cloud;
 use crate::columns::Columns;
-use crate::simd::wide;
+use crate::simd::{bits, wide};
 
 /// One point a voxel: the centroid of its points, summed in `f64` in the order of the cloud.
 ///
@@ -450,17 +450,6 @@ fn fetch(
     for (p, cell) in near {
         *cell = (lattice.number(*p) & mask) as u32;
     }
-}
-
-/// The places of a word's set bits, ascending.
-fn bits(mut word: u64) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let bit = word.trailing_zeros() as usize;
-        (word != 0).then(|| {
-            word &= word - 1;
-            bit
-        })
-    })
 }
 
 /// As [`by_bucket`], for any number of cells.

@@ -8,7 +8,7 @@
 use rayon::prelude::*;
 
 use crate::cancel;
-use crate::kdtree::Neighbour;
+use crate::kdtree::{Neighbour, squared};
 use crate::pose::Pose;
 use crate::prepare::Surface;
 
@@ -173,7 +173,7 @@ impl Search<'_> {
     /// Whether no other can be as near.
     #[inline]
     fn holds(&self, known: &Known, at: [f32; 3], nearest: f32) -> bool {
-        let moved = squared(at, known.at).sqrt();
+        let moved = squared_apart(at, known.at).sqrt();
         // Beyond the radius nothing counts.
         let reached = nearest.sqrt().min(self.radius);
         (reached + moved) * (1.0 + ROUNDING) < known.others
@@ -218,15 +218,14 @@ impl Search<'_> {
     #[inline]
     fn squared(&self, name: u32, at: [f32; 3]) -> f32 {
         let point = self.map.points.get(name as usize);
-        point.map_or(f32::INFINITY, |p| squared(*p, at))
+        point.map_or(f32::INFINITY, |p| squared_apart(*p, at))
     }
 }
 
-/// As the tree rounds it.
+/// The squared distance of two points, as the tree rounds it.
 #[inline]
-fn squared(a: [f32; 3], b: [f32; 3]) -> f32 {
-    let d = [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
-    (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
+fn squared_apart(a: [f32; 3], b: [f32; 3]) -> f32 {
+    squared([a[0] - b[0], a[1] - b[1], a[2] - b[2]])
 }
 
 #[cfg(test)]
