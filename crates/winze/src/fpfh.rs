@@ -791,7 +791,7 @@ mod tests {
                     most: 0,
                 },
             );
-            crate::normals::orient_open_side(&p, &mut n, &tree, &p, 4.0);
+            crate::normals::orient_open_side(&p, &mut n, &tree, 4.0);
             descriptors(
                 &p,
                 &n,

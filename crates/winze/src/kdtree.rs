@@ -14,7 +14,7 @@
 use std::borrow::Cow;
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd, dispatch, f32x16};
+use fearless_simd::{Level, Simd, dispatch, f32x16, u32x16};
 use rayon::prelude::*;
 
 use crate::cancel;
@@ -558,14 +558,12 @@ fn is_tree(nodes: &[Node], count: usize) -> bool {
     false
 }
 
+/// The axis along which the items reach furthest.
 fn widest_axis(items: &[Item]) -> usize {
-    let (mut low, mut high) = ([u32::MAX; 4], [0; 4]);
-    for item in items {
-        for a in 0..4 {
-            low[a] = low[a].min(item[a]);
-            high[a] = high[a].max(item[a]);
-        }
-    }
+    let (low, high) = dispatch!(Level::new(), simd => simd.vectorize(
+        #[inline(always)]
+        || bounds(simd, items)
+    ));
     let width = |axis: usize| unordered(high[axis]) - unordered(low[axis]);
     let mut axis = 0;
     for a in 1..3 {
@@ -574,6 +572,29 @@ fn widest_axis(items: &[Item]) -> usize {
         }
     }
     axis
+}
+
+/// The least and the most of each number of the items, four items at a time.
+#[inline(always)]
+fn bounds<S: Simd>(simd: S, items: &[Item]) -> (Item, Item) {
+    let (mut low, mut high) = (u32x16::splat(simd, u32::MAX), u32x16::splat(simd, u32::MIN));
+    let (fours, rest) = items.as_flattened().as_chunks::<16>();
+    for four in fours {
+        let four = u32x16::from_slice(simd, four);
+        low = low.min(four);
+        high = high.max(four);
+    }
+    let (low, high): ([u32; 16], [u32; 16]) = (low.into(), high.into());
+    let mut bounds = ([u32::MAX; 4], [u32::MIN; 4]);
+    for (k, (low, high)) in low.iter().zip(&high).enumerate() {
+        bounds.0[k % 4] = bounds.0[k % 4].min(*low);
+        bounds.1[k % 4] = bounds.1[k % 4].max(*high);
+    }
+    for (k, v) in rest.iter().enumerate() {
+        bounds.0[k % 4] = bounds.0[k % 4].min(*v);
+        bounds.1[k % 4] = bounds.1[k % 4].max(*v);
+    }
+    bounds
 }
 
 #[cfg(test)]

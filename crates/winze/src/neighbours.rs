@@ -217,6 +217,28 @@ impl Neighbours {
         ))
     }
 
+    /// The sum, over all neighbours of `q`, one of the group's members, within the radius, of how far each lies out along `n`,
+    /// of which up to `most` counts. In lanes as [`Moments`] are.
+    pub(crate) fn balance(&self, q: [f32; 3], n: [f32; 3], most: f32) -> f32 {
+        let axes = self.axes.each_ref().map(|a| &a[..]);
+        let limit = self.limit;
+        dispatch!(Level::new(), simd => simd.vectorize(
+            #[inline(always)]
+            || {
+                let zero = f32x16::splat(simd, 0.0);
+                let limit = f32x16::splat(simd, limit);
+                let (least, most) = (f32x16::splat(simd, -most), f32x16::splat(simd, most));
+                let mut sum = zero;
+                for b in 0..axes[0].len() / LANES {
+                    let ([x, y, z], d2) = offsets(simd, axes, b, q);
+                    let out = (x * n[0] + y * n[1]) + z * n[2];
+                    sum += d2.simd_le(limit).select(out.max(least).min(most), zero);
+                }
+                lanes_in_pairs(sum)
+            }
+        ))
+    }
+
     /// What is gathered, an array an axis; room for the distances of its blocks and for their numbers; and the squared
     /// radius. `None` where too many were near.
     fn room(&mut self) -> Option<Room<'_>> {
@@ -407,9 +429,15 @@ impl<S: Simd> Sums<S> {
     }
 }
 
-/// The sum of a vector's lanes, in pairs.
+/// The sum of a vector's lanes, in pairs, for sums in 64 bits.
 #[inline(always)]
 fn total<S: Simd>(v: f32x16<S>) -> f64 {
+    f64::from(lanes_in_pairs(v))
+}
+
+/// The sum of a vector's lanes, in pairs.
+#[inline(always)]
+fn lanes_in_pairs<S: Simd>(v: f32x16<S>) -> f32 {
     let mut v: [f32; LANES] = v.into();
     let mut width = LANES / 2;
     while width > 0 {
@@ -418,7 +446,7 @@ fn total<S: Simd>(v: f32x16<S>) -> f64 {
         }
         width /= 2;
     }
-    f64::from(v[0])
+    v[0]
 }
 
 /// The sum of the square roots of what is at most `limit`.
@@ -562,6 +590,13 @@ mod tests {
                     check(&moments.unwrap().0, &s.points, *p, &expected);
                 }
                 let expected: Vec<Neighbour> = near.of(&s.tree, *p).to_vec();
+                let out = |n: &Neighbour| {
+                    let q = s.points[n.index as usize];
+                    f64::from(0.6 * (q[0] - p[0]) + 0.8 * (q[2] - p[2])).clamp(-0.2, 0.2)
+                };
+                let balance: f64 = expected.iter().map(out).sum();
+                let found = f64::from(near.balance(*p, [0.6, 0.0, 0.8], 0.2));
+                assert!((found - balance).abs() < 1e-5 * (1.0 + expected.len() as f64));
                 check(&near.moments_within(*p), &s.points, *p, &expected);
             }
         }

@@ -221,28 +221,18 @@ pub fn orient_towards(points: &[[f32; 3]], normals: &mut [[f32; 3]], viewpoint: 
 /// (metres; a passage's width or so) lies.
 ///
 /// In a drift the floor, back and opposite rib all lie on a wall's open side. The balance is taken
-/// over `coarse`, a thinned copy of the cloud (a point every `radius / 4` or so is enough), so that
+/// over `coarse`, the tree of a thinned copy of the cloud (a point every `radius / 4` or so is enough), so that
 /// dense walls do not outvote the rest; each point counts by how far out of the tangent plane
 /// it stands, up to a quarter of the radius, so that a wall's own roughness counts for little.
 pub fn orient_open_side(
     points: &[[f32; 3]],
     normals: &mut [[f32; 3]],
     coarse: &KdTree<'_>,
-    coarse_points: &[[f32; 3]],
     radius: f64,
 ) {
     #[expect(clippy::cast_possible_truncation, reason = "a radius in metres")]
     let radius = radius as f32;
     let cap = radius / 4.0;
-    let of = |n: [f32; 3], p: [f32; 3], found: &[Neighbour]| {
-        let mut balance = 0.0f32;
-        for neighbour in found {
-            let q = coarse_points[neighbour.index as usize];
-            let out = (q[0] - p[0]) * n[0] + (q[1] - p[1]) * n[1] + (q[2] - p[2]) * n[2];
-            balance += out.clamp(-cap, cap);
-        }
-        if balance < 0.0 { n.map(|c| -c) } else { n }
-    };
     points
         .par_chunks(GROUP)
         .zip(normals.par_chunks_mut(GROUP))
@@ -253,7 +243,10 @@ pub fn orient_open_side(
                 let together = near.gather(coarse, radius, left.clone(), |k| points[k]);
                 left.start = together.end;
                 for k in together {
-                    normals[k] = of(normals[k], points[k], near.of(coarse, points[k]));
+                    let n = normals[k];
+                    if near.balance(points[k], n, cap) < 0.0 {
+                        normals[k] = n.map(|c| -c);
+                    }
                 }
             }
         });
@@ -328,7 +321,7 @@ mod tests {
                     most,
                 },
             );
-            orient_open_side(&points, &mut normals, &tree, &points, 4.0);
+            orient_open_side(&points, &mut normals, &tree, 4.0);
             let inward = |n: &[f32; 3], p: &[f32; 3]| {
                 -(n[1] * p[1] + n[2] * p[2]) / (p[1] * p[1] + p[2] * p[2]).sqrt()
             };
@@ -360,8 +353,8 @@ mod tests {
             .iter()
             .map(|n| if rng.below(2) == 0 { n.map(|c| -c) } else { *n })
             .collect();
-        orient_open_side(&points, &mut a, &tree, &points, 4.0);
-        orient_open_side(&points, &mut b, &tree, &points, 4.0);
+        orient_open_side(&points, &mut a, &tree, 4.0);
+        orient_open_side(&points, &mut b, &tree, 4.0);
         assert_eq!(a, b);
     }
 

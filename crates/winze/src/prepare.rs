@@ -221,7 +221,7 @@ fn surface_in<C: Columns>(
             let radius = config.open_side_radius.metres(voxel);
             let coarse = voxel::thin(&thinned, None, frame.origin, radius / 4.0, columns)?;
             let tree = kdtree::build_in(&coarse, columns)?;
-            normals::orient_open_side(&points, &mut normals, &tree.view(), &coarse, radius);
+            normals::orient_open_side(&points, &mut normals, &tree.view(), radius);
         }
     }
     Ok(SurfaceColumns {
