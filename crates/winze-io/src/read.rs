@@ -229,7 +229,7 @@ fn decode_narrow(
     finish_narrow(raw, narrow, format, options, source.length())
 }
 
-/// Like [`finish`]: of points that are all finite and small, none is far, and the origin is (0, 0, 0).
+/// Like [`finish`], of points that already are offsets from the cloud's origin, of which none is far.
 fn finish_narrow(
     mut raw: Raw,
     narrow: Narrow,
@@ -238,6 +238,7 @@ fn finish_narrow(
     bytes: u64,
 ) -> Option<CloudFile> {
     let Narrow {
+        origin,
         mut points,
         mut intensity,
         zeros,
@@ -257,7 +258,7 @@ fn finish_narrow(
         points.retain(keep);
     }
     let kept = points.len();
-    let mut cloud = Cloud::with_origin([0.0; 3], points).ok()?;
+    let mut cloud = Cloud::with_origin(origin, points).ok()?;
     if let Some(intensity) = intensity {
         cloud = cloud.with_intensities(intensity);
     }

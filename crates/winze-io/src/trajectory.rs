@@ -41,9 +41,9 @@ fn quaternion(pose: &Pose) -> [f64; 4] {
     let scale = if angle < 1e-8 {
         0.5
     } else {
-        (0.5 * angle).sin() / angle
+        libm::sin(0.5 * angle) / angle
     };
-    [a * scale, b * scale, c * scale, (0.5 * angle).cos()]
+    [a * scale, b * scale, c * scale, libm::cos(0.5 * angle)]
 }
 
 #[cfg(test)]

@@ -4,8 +4,8 @@
 //! indices to keep, ascending.
 
 use crate::cloud::Cloud;
-use crate::kdtree::{KdTree, Neighbour};
-use crate::neighbours::{GROUP, Neighbours};
+use crate::kdtree::KdTree;
+use crate::neighbours::{GROUP, Nearest};
 use crate::parallel;
 
 /// Points whose distance from `centre` (the cloud's frame, metres) lies in `[min, max]`. A bound
@@ -66,47 +66,33 @@ pub(crate) fn mark_statistical(
         let others = (found.max(2) - 1) as f64;
         sum / others
     };
-    let looked_up = |q: [f32; 3], found: &mut Vec<Neighbour>| {
-        tree.knn(q, count, f32::INFINITY, found);
-        let distances = found.iter().map(|n| f64::from(n.distance_squared).sqrt());
-        mean(distances.sum(), found.len())
-    };
     let (_, [xs, ys, zs]) = tree.parts();
     let at = |place: usize| [xs[place], ys[place], zs[place]];
     // In the tree's order, in which points that follow each other are near each other.
+    let sought = (count, f32::INFINITY);
     parallel::fill_groups(
         mean_distance,
         GROUP,
-        Search::default,
-        |search, group, means| {
+        Nearest::default,
+        |nearest, group, means| {
             let first = group.start;
             let mut left = group;
             while !left.is_empty() {
-                let mut reach = search.widest;
-                if reach <= 0.0 {
-                    tree.knn(at(left.start), count, f32::INFINITY, &mut search.found);
-                    reach = search.found.last().map_or(0.0, |n| n.distance_squared);
-                }
-                // Its neighbours' neighbours are about as far.
-                let most = MOST.max(8 * count);
-                let reach = FURTHER * reach.sqrt();
-                let together = search
-                    .near
-                    .gather_up_to(most, tree, reach, left.clone(), at);
+                let together = nearest.gather(tree, sought, left.clone(), at);
                 left.start = together.end;
-                search.widest = 0.0;
                 for place in together {
-                    let found = search
-                        .near
-                        .distance_sum_of_nearest(at(place), count, search.last);
-                    means[place - first] = match found {
-                        Some((sum, limit)) => {
-                            search.widest = search.widest.max(limit);
-                            search.last = limit;
-                            mean(sum, count)
-                        }
-                        None => looked_up(at(place), &mut search.found),
-                    };
+                    let q = at(place);
+                    let sum =
+                        nearest.ask(|near, guess| near.distance_sum_of_nearest(q, count, guess));
+                    means[place - first] = sum.map_or_else(
+                        || {
+                            let found = nearest.look_up(tree, q, sought);
+                            let distances =
+                                found.iter().map(|n| f64::from(n.distance_squared).sqrt());
+                            mean(distances.sum(), found.len())
+                        },
+                        |sum| mean(sum, count),
+                    );
                 }
             }
         },
@@ -125,23 +111,6 @@ pub(crate) fn mark_statistical(
             *keep &= u8::from(*d <= limit);
         }
     }
-}
-
-/// Points that a group looks at together, at most: where more lie near, as within a stray's reach, each is looked up alone.
-pub(crate) const MOST: usize = 4096;
-
-/// How much further than its neighbours' a point's neighbours are looked for.
-pub(crate) const FURTHER: f32 = 1.3;
-
-/// What a thread keeps from point to point.
-#[derive(Default)]
-struct Search {
-    near: Neighbours,
-    /// Of the last group: the largest squared distance of a point to the last of its neighbours.
-    widest: f32,
-    /// Within which squared distance the last point's neighbours were.
-    last: f32,
-    found: Vec<Neighbour>,
 }
 
 /// Radius outlier removal: a point is kept while at least `min_neighbours` others lie within

@@ -19,7 +19,7 @@
 use std::cmp::Reverse;
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd, dispatch, f32x16};
+use fearless_simd::{Simd, dispatch, f32x16};
 use rayon::prelude::*;
 
 use crate::columns::{Columns, Memory};
@@ -29,7 +29,7 @@ use crate::kdtree::{KdTree, Neighbour};
 use crate::neighbours::{GROUP, LANES, Neighbours, offsets};
 use crate::parallel;
 use crate::simd;
-use crate::voxel::{Grid, pack};
+use crate::voxel::{FINEST, Grid, pack};
 
 /// Keypoints of one cloud.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -128,7 +128,10 @@ fn cell_winners<C: Columns>(
     columns: &C,
 ) -> Result<C::Column<u32>, C::Error> {
     const NONE: [u64; 2] = [u64::MAX; 2];
-    let cell = config.cell.metres(voxel);
+    let mut cell = config.cell.metres(voxel);
+    if cell > 0.0 {
+        cell = cell.max(FINEST);
+    }
     #[expect(clippy::cast_possible_truncation, reason = "a radius in metres")]
     let non_max_radius = config.non_max_radius.metres(voxel) as f32;
     let limit = non_max_radius * non_max_radius;
@@ -275,9 +278,11 @@ fn coded_saliency<C: Columns>(
         &mut weights,
         || (),
         |(), i| {
-            let mut count = 0.0f32;
-            tree.within(points[i], r, |_, _| count += 1.0);
-            1.0 / count.max(1.0)
+            let mut count = 0u32;
+            tree.within(points[i], r, |_, _| count += 1);
+            #[expect(clippy::cast_precision_loss, reason = "a count")]
+            let count = count.max(1) as f32;
+            1.0 / count
         },
     );
     let weights = config.density_weighting.then_some(&*weights);
@@ -405,7 +410,7 @@ const UPPER: [(usize, usize); 6] = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 
 /// Whether a point at `q` has a rival within `√limit` that is more salient, and how many there are that are as salient as it
 /// is, itself among them.
 fn rivals(axes: [&[f32]; 3], codes: &[f32], q: [f32; 3], limit: f32, own: Saliency) -> (bool, u32) {
-    dispatch!(Level::new(), simd => simd.vectorize(
+    dispatch!(simd::level(), simd => simd.vectorize(
         #[inline(always)]
         || compare(simd, axes, codes, q, limit, own)
     ))

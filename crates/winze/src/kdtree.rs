@@ -14,12 +14,12 @@
 use std::borrow::Cow;
 
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, Simd, dispatch, f32x16, u32x16};
+use fearless_simd::{Simd, dispatch, f32x16, u32x16};
 use rayon::prelude::*;
 
 use crate::cancel;
 use crate::columns::{Columns, Memory};
-use crate::simd::bits;
+use crate::simd::{bits, level};
 
 /// A neighbour of a query point.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -114,6 +114,7 @@ fn unordered(bits: u32) -> f32 {
 /// Where a column cannot be had.
 pub fn build_in<C: Columns>(points: &[[f32; 3]], columns: &C) -> Result<TreeColumns<C>, C::Error> {
     let finite = |p: &[f32; 3]| p.iter().all(|v| v.is_finite());
+    let points = &points[..points.len().min(u32::MAX as usize)];
     let count = points.iter().filter(|p| finite(p)).count();
     let mut items = columns.zeros::<Item>(count)?;
     let usable = (0u32..).zip(points).filter(|(_, p)| finite(p));
@@ -375,7 +376,7 @@ impl<'a> KdTree<'a> {
         if self.nodes.is_empty() || !q.iter().all(|v| v.is_finite()) {
             return;
         }
-        dispatch!(Level::new(), simd => simd.vectorize(
+        dispatch!(level(), simd => simd.vectorize(
             #[inline(always)]
             || self.walk(simd, q, limit, leaf)
         ));
@@ -560,7 +561,7 @@ fn is_tree(nodes: &[Node], count: usize) -> bool {
 
 /// The axis along which the items reach furthest.
 fn widest_axis(items: &[Item]) -> usize {
-    let (low, high) = dispatch!(Level::new(), simd => simd.vectorize(
+    let (low, high) = dispatch!(level(), simd => simd.vectorize(
         #[inline(always)]
         || bounds(simd, items)
     ));

@@ -10,16 +10,13 @@
 //! for each of the last few voxel sizes the thinned surface with its normals, tree, descriptors, their index,
 //! and Gaussians. A [`PreparedMap`] has all that in its file.
 
-use std::convert::Infallible;
-use std::sync::{Arc, Mutex, PoisonError};
-
-use rustc_hash::FxHashMap;
+use std::sync::Arc;
 
 use crate::base::{Base, base_of};
 use crate::cloud::Cloud;
 use crate::columns::Memory;
 use crate::config::{
-    Config, FpfhConfig, IcpConfig, IcpMetric, IssConfig, MatchingConfig, NdtConfig, PrepareConfig,
+    Config, FpfhConfig, IcpConfig, IssConfig, MatchingConfig, NdtConfig, PrepareConfig,
     VerifyConfig,
 };
 use crate::descriptor_index::{self, DescriptorIndex};
@@ -34,8 +31,15 @@ use crate::part::{Look, MapPart, PartLevel};
 use crate::pose::Pose;
 use crate::prepare::{Frame, Surface, limit_range, prepare, remove_outliers};
 use crate::prepared::{PreparedMap, level_in};
-use crate::refine::Refined;
 use crate::scale::{self, Measure};
+
+mod recent;
+mod refinements;
+#[cfg(test)]
+mod tests;
+
+use recent::Recent;
+pub(crate) use refinements::{Refinements, Refiner};
 
 /// Voxel sizes kept; with `auto`'s few tries on a ladder of sizes, queries of one kind share them.
 const MOST_SIZES: usize = 6;
@@ -107,51 +111,6 @@ pub(crate) struct QueryAt {
     /// With the mark of the map they lead to, and how they were matched.
     correspondences: Vec<(Arc<()>, MatchingConfig, Vec<Correspondence>)>,
     pub(crate) refinements: Refinements,
-}
-
-/// Where refiners led to on one map. Methods that start from the same poses share them.
-#[derive(Debug, Default)]
-pub(crate) struct Refinements {
-    /// The map's.
-    mark: Arc<()>,
-    known: Mutex<FxHashMap<(Refiner, [u64; 16]), Refined>>,
-}
-
-/// Which refiner; all else that it depends on is in [`Settings`].
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(crate) enum Refiner {
-    Ndt,
-    Icp(IcpMetric),
-}
-
-/// Refinements kept; more are forgotten all at once.
-const MOST_REFINEMENTS: usize = 10_000;
-
-impl Refinements {
-    /// What `work` makes of a start, or made of it before.
-    pub(crate) fn get(
-        &self,
-        refiner: Refiner,
-        start: &Pose,
-        work: impl FnOnce() -> Refined,
-    ) -> Refined {
-        let mut bits = [0; 16];
-        for (slot, v) in bits.iter_mut().zip(start.to_matrix().iter().flatten()) {
-            *slot = v.to_bits();
-        }
-        let key = (refiner, bits);
-        let lock = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = lock().get(&key) {
-            return *known;
-        }
-        let refined = work();
-        let mut known = lock();
-        if known.len() >= MOST_REFINEMENTS {
-            known.clear();
-        }
-        known.insert(key, refined);
-        refined
-    }
 }
 
 /// The sections that what is kept depends on.
@@ -605,11 +564,8 @@ impl<'a> MapAt<'a> {
 impl QueryAt {
     /// Forgets where refiners led to on any other map.
     pub(crate) fn refine_on(&mut self, map: &MapAt<'_>) {
-        if !Arc::ptr_eq(&self.refinements.mark, &map.mark) {
-            self.refinements = Refinements {
-                mark: Arc::clone(&map.mark),
-                ..Refinements::default()
-            };
+        if !self.refinements.are_on(&map.mark) {
+            self.refinements = Refinements::on(&map.mark);
         }
     }
 
@@ -649,57 +605,3 @@ impl QueryAt {
         Ok(&known[at].2)
     }
 }
-
-/// What was made for the last few voxel sizes.
-#[derive(Debug)]
-struct Recent<T> {
-    most: usize,
-    /// The one last asked for at the end.
-    held: Vec<(f64, T)>,
-}
-
-impl<T> Recent<T> {
-    fn new(most: usize) -> Self {
-        Self {
-            most,
-            held: Vec::new(),
-        }
-    }
-
-    fn clear(&mut self) {
-        self.held.clear();
-    }
-
-    fn at(&mut self, voxel: f64, make: impl FnOnce() -> T) -> &mut T {
-        let made: std::result::Result<_, Infallible> = self.try_at(voxel, || Ok(make()));
-        let Ok(made) = made;
-        made
-    }
-
-    fn try_at<E>(
-        &mut self,
-        voxel: f64,
-        make: impl FnOnce() -> std::result::Result<T, E>,
-    ) -> std::result::Result<&mut T, E> {
-        let known = self
-            .held
-            .iter()
-            .position(|(v, _)| v.to_bits() == voxel.to_bits());
-        let entry = match known {
-            Some(i) => self.held.remove(i),
-            None => {
-                // Before the new one is made, so that no more than `most` are ever there.
-                if self.held.len() >= self.most {
-                    self.held.remove(0);
-                }
-                (voxel, make()?)
-            }
-        };
-        self.held.push(entry);
-        let last = self.held.len() - 1;
-        Ok(&mut self.held[last].1)
-    }
-}
-
-#[cfg(test)]
-mod tests;

@@ -6,11 +6,24 @@
 
 use fearless_simd::{Level, dispatch};
 
+#[cfg(test)]
+mod levels;
+
+/// The processor's vectors; a test may ask for narrower ones.
+#[inline(always)]
+pub(crate) fn level() -> Level {
+    #[cfg(test)]
+    if let Some(narrower) = levels::chosen() {
+        return narrower;
+    }
+    Level::new()
+}
+
 /// Runs `f` compiled for this processor. What it calls must be `#[inline(always)]`, and so must the closure, or it is
 /// compiled for the oldest processor after all.
 #[inline(always)]
 pub(crate) fn wide<R>(f: impl FnOnce() -> R) -> R {
-    dispatch!(Level::new(), simd => fearless_simd::Simd::vectorize(simd, f))
+    dispatch!(level(), simd => fearless_simd::Simd::vectorize(simd, f))
 }
 
 /// The places of the bits that are set, ascending.

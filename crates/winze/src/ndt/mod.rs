@@ -18,6 +18,7 @@ use crate::pose::Pose;
 use crate::prepare::Surface;
 use crate::refine::{Refined, StopReason, sample, spread};
 use crate::solve::System;
+use crate::voxel::FINEST;
 
 use score::Score;
 
@@ -75,7 +76,7 @@ pub fn levels(map: &Surface<'_>, config: &NdtConfig) -> Vec<NdtCells<'static>> {
 /// The cell sizes that `config` asks for of a map thinned to `voxel` metres, coarsest first, metres.
 #[must_use]
 pub fn sizes(voxel: f64, config: &NdtConfig) -> Vec<f64> {
-    let finest = config.finest.metres(voxel);
+    let finest = config.finest.metres(voxel).max(FINEST);
     let mut size = config.coarsest.metres(voxel).max(finest);
     let mut sizes = vec![size];
     while size > 1.5 * finest {

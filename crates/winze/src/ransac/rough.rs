@@ -149,6 +149,8 @@ impl Rough {
         #[expect(clippy::cast_possible_truncation, reason = "rough")]
         let r: [[f32; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| r[(i, j)] as f32));
         found.clear();
+        #[expect(clippy::cast_possible_truncation, reason = "fewer than 2^32 pairs")]
+        let pairs = self.ends.len() as u32;
         simd::wide(
             #[inline(always)]
             || {
@@ -162,7 +164,7 @@ impl Rough {
                     if any == 0 {
                         continue;
                     }
-                    for (i, d) in (first..).zip(&squares) {
+                    for (i, d) in (first..pairs).zip(&squares) {
                         if !(*d > limit) {
                             found.push(i);
                         }
