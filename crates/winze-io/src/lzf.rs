@@ -159,7 +159,8 @@ fn easy_blocks<'a>(input: &'a [u8], out: &mut [u8], mut at: usize) -> (&'a [u8],
             };
             *to = *literal;
         } else {
-            let [first, second, ..] = literal.map(usize::from);
+            let [first, second, ..] = *literal;
+            let (first, second) = (usize::from(first), usize::from(second));
             let long = control >> 5 == 7;
             let (extra, low) = if long { (first, second) } else { (0, first) };
             length = (control >> 5) + extra + 2;

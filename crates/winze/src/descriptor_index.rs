@@ -426,13 +426,14 @@ pub(crate) fn offer(found: &mut Vec<(f32, u32)>, k: usize, new: (f32, u32)) -> b
 /// Exact coordinates would need no margin. In the way are, relative to the distance: the axes'
 /// rounding to `f32` (their directions err by 2·10⁻⁷ in all), and the rounding of both sums (33 and
 /// 12 terms, 2·10⁻⁶ of a square): 10⁻⁵ covers them several times. And relative to the
-/// coordinates: theirs to `f32`, 6·10⁻⁸ of the length of each of the two, in each of 12 places, below
-/// 5·10⁻⁷ of the longer. A descriptor within the limit lies no further out than `reach` plus the
-/// distance, so that 10⁻⁶ of this covers them. The last term stands for squares that underflow.
+/// length of what is projected, that it is projected in `f32`: each of 11 coordinates is a sum of 33 products, off by at most
+/// 35·6·10⁻⁸, together by 7·10⁻⁶ of it; of each of 33 numbers of the rest 11 products are taken off, together by 5·10⁻⁶, to which those 7·10⁻⁶ are
+/// added; in all below 2·10⁻⁵. A descriptor within the limit lies no further out than `reach` plus the
+/// distance, so that 5·10⁻⁵ of this covers both sides. The last term stands for squares that underflow.
 #[inline(always)]
 fn bound(limit: f32, reach: f32) -> f32 {
     let distance = limit.sqrt();
-    let margin = 1e-5 * distance + 1e-6 * (reach + distance) + 1e-18;
+    let margin = 1e-5 * distance + 5e-5 * (reach + distance) + 1e-18;
     let radius = distance + margin;
     radius * radius
 }

@@ -314,6 +314,30 @@ impl<'a> KdTree<'a> {
         found.retain(|n| n.distance_squared.is_finite());
     }
 
+    /// The three points nearest to `query` no further than `radius`, nearest first. Where there are fewer, [`NOWHERE`] stands for the rest.
+    pub(crate) fn three_nearest(&self, query: [f32; 3], radius: f32) -> [Neighbour; 3] {
+        let limit = radius * radius;
+        let mut best = [NOWHERE; 3];
+        self.visit(query, limit, |start, distances, within| {
+            for i in bits(within) {
+                let new = Neighbour {
+                    index: self.name(start + i),
+                    distance_squared: distances[i],
+                };
+                let [first, second, third] = best;
+                if closer(&new, &first) {
+                    best = [new, first, second];
+                } else if closer(&new, &second) {
+                    best = [first, new, second];
+                } else if closer(&new, &third) {
+                    best = [first, second, new];
+                }
+            }
+            best[2].distance_squared.min(limit)
+        });
+        best
+    }
+
     /// Calls `each(index, distance_squared)` for every point within `radius` of `query`, in leaf
     /// order.
     pub fn within(&self, query: [f32; 3], radius: f32, mut each: impl FnMut(u32, f32)) {
@@ -458,6 +482,12 @@ fn with(cut: [f32; 3], axis: usize, change: impl Fn(f32) -> f32) -> [f32; 3] {
 pub(crate) fn squared(d: [f32; 3]) -> f32 {
     (d[0] * d[0] + d[1] * d[1]) + d[2] * d[2]
 }
+
+/// No point.
+pub(crate) const NOWHERE: Neighbour = Neighbour {
+    index: u32::MAX,
+    distance_squared: f32::INFINITY,
+};
 
 #[inline]
 fn closer(a: &Neighbour, b: &Neighbour) -> bool {

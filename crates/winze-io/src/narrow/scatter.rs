@@ -2,8 +2,6 @@
 
 use std::io::{self, Write};
 
-use rayon::prelude::*;
-
 use super::{Narrow, Seen, narrow};
 use crate::scalar::{Order, Scalar};
 
@@ -21,7 +19,9 @@ pub(crate) struct Scatter {
     runs: [Option<Run>; 4],
     points: Vec<[f32; 3]>,
     intensity: Vec<f32>,
-    wide: bool,
+    /// Which axis comes last, and what was seen of the points that it made whole.
+    last: usize,
+    seen: Seen,
     /// How many bytes are used up.
     at: u64,
     /// The bytes that came of a number that is not whole yet, and how many it lacks.
@@ -31,12 +31,14 @@ pub(crate) struct Scatter {
 
 impl Scatter {
     pub(crate) fn new(xyz: [Run; 3], intensity: Option<Run>, count: usize) -> Self {
+        let last = (0..3).max_by_key(|&a| xyz.get(a).map(|run| run.start));
         let [x, y, z] = xyz.map(Some);
         Self {
             runs: [x, y, z, intensity],
             points: vec![[0.0; 3]; count],
             intensity: vec![0.0; if intensity.is_some() { count } else { 0 }],
-            wide: false,
+            last: last.unwrap_or_default(),
+            seen: Seen::default(),
             at: 0,
             held: Vec::new(),
             missing: 0,
@@ -45,14 +47,10 @@ impl Scatter {
 
     /// `None` where the points are for the other decoders.
     pub(crate) fn finish(self) -> Option<Narrow> {
-        if self.wide || self.points.is_empty() {
+        let seen = self.seen;
+        if self.points.is_empty() {
             return None;
         }
-        let seen = self
-            .points
-            .par_chunks(1 << 14)
-            .map(Seen::of)
-            .reduce(Seen::default, Seen::and);
         (!seen.wide).then_some(Narrow {
             origin: [0.0; 3],
             points: self.points,
@@ -67,6 +65,7 @@ impl Scatter {
     fn put(&mut self, bytes: &[u8]) -> (usize, usize) {
         let end = self.at + bytes.len() as u64;
         let mut cut = (0, 0);
+        let mut made_whole = 0..0;
         for (axis, run) in self.runs.iter().enumerate() {
             let Some(Run { scalar, start }) = *run else {
                 continue;
@@ -91,7 +90,7 @@ impl Scatter {
             match self.points.get_mut(first..).filter(|_| axis < 3) {
                 Some(points) if scalar == Scalar::F32 => {
                     let (numbers, _) = numbers.as_chunks::<4>();
-                    // All are looked at in the end; one shows early what is of no use.
+                    // All are looked at once they are whole; one shows early what is of no use.
                     wide |= numbers
                         .first()
                         .is_some_and(|raw| narrow(f64::from(f32::from_le_bytes(*raw))).1);
@@ -120,8 +119,13 @@ impl Scatter {
                     });
                 }
             }
-            self.wide |= wide;
+            self.seen.wide |= wide;
+            if axis == self.last {
+                made_whole = first..first + whole as usize / scalar.size();
+            }
         }
+        let points = self.points.get(made_whole).unwrap_or_default();
+        self.seen = self.seen.and(Seen::of(points));
         self.at = end - cut.0 as u64;
         cut
     }
@@ -129,7 +133,7 @@ impl Scatter {
 
 impl Write for Scatter {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if self.wide {
+        if self.seen.wide {
             return Err(io::ErrorKind::InvalidData.into());
         }
         let mut rest = bytes;

@@ -7,7 +7,7 @@ use crate::simd;
 use crate::symmetric::eigen;
 
 /// Descriptors that the axes are computed from, at most: evenly drawn ones show them as well.
-const SAMPLE: usize = 8192;
+const SAMPLE: usize = 2048;
 /// Axes; the last coordinate is the length of the rest.
 const AXES: usize = COORDINATES - 1;
 /// Rounds of orthogonal iteration. Any orthonormal axes would do: with more, hardly fewer descriptors are compared.
@@ -168,7 +168,7 @@ fn along(to: &mut [f64; DIMENSIONS], axis: &[f64; DIMENSIONS], share: f64) {
 }
 
 /// Descriptors projected side by side.
-pub(super) const GROUP: usize = 8;
+pub(super) const GROUP: usize = 16;
 
 /// Coordinates of descriptors in a frame, and their distances from the centre.
 pub(super) fn project(frame: &[Descriptor], descriptors: [&Descriptor; GROUP]) -> [Seen; GROUP] {
@@ -193,44 +193,41 @@ fn project_lanes(
     descriptors: [&Descriptor; GROUP],
     out: &mut [[f32; COORDINATES + 1]; GROUP],
 ) {
-    let mut offset = [[0.0f64; GROUP]; DIMENSIONS];
+    let mut offset = [[0.0f32; GROUP]; DIMENSIONS];
     for (l, d) in descriptors.into_iter().enumerate() {
         for c in 0..DIMENSIONS {
-            offset[c][l] = f64::from(d[c]) - f64::from(centre[c]);
+            offset[c][l] = d[c] - centre[c];
         }
     }
-    let mut shares = [[0.0f64; GROUP]; AXES];
+    let mut shares = [[0.0f32; GROUP]; AXES];
     for (axis, share) in axes.iter().zip(&mut shares) {
-        let mut sum = [0.0f64; GROUP];
+        let mut sum = [0.0f32; GROUP];
         for c in 0..DIMENSIONS {
-            let v = f64::from(axis[c]);
             for l in 0..GROUP {
-                sum[l] += v * offset[c][l];
+                sum[l] += axis[c] * offset[c][l];
             }
         }
         *share = sum;
     }
+    // Squares of what is large do not fit 32 bits.
     let (mut rest2, mut reach2) = ([0.0f64; GROUP], [0.0f64; GROUP]);
     for c in 0..DIMENSIONS {
         let mut rest = offset[c];
         for (axis, share) in axes.iter().zip(&shares) {
-            let v = f64::from(axis[c]);
             for l in 0..GROUP {
-                rest[l] -= v * share[l];
+                rest[l] -= axis[c] * share[l];
             }
         }
         for l in 0..GROUP {
-            rest2[l] += rest[l] * rest[l];
-            reach2[l] += offset[c][l] * offset[c][l];
+            let (r, o) = (f64::from(rest[l]), f64::from(offset[c][l]));
+            rest2[l] += r * r;
+            reach2[l] += o * o;
         }
     }
-    #[expect(
-        clippy::cast_possible_truncation,
-        reason = "coordinates may be rounded"
-    )]
+    #[expect(clippy::cast_possible_truncation, reason = "lengths may be rounded")]
     for (l, out) in out.iter_mut().enumerate() {
         for a in 0..AXES {
-            out[a] = shares[a][l] as f32;
+            out[a] = shares[a][l];
         }
         out[AXES] = rest2[l].sqrt() as f32;
         out[COORDINATES] = reach2[l].sqrt() as f32;

@@ -8,12 +8,12 @@
 use rayon::prelude::*;
 
 use crate::cancel;
-use crate::kdtree::{Neighbour, squared};
+use crate::kdtree::{NOWHERE, squared};
 use crate::pose::Pose;
 use crate::prepare::Surface;
 
 /// No map point.
-const NONE: u32 = u32::MAX;
+const NONE: u32 = NOWHERE.index;
 /// Points that a thread takes at a time.
 const CHUNK: usize = 1024;
 /// What rounding of single-precision distances may take from a bound, as a share of it.
@@ -133,7 +133,6 @@ impl Search<'_> {
     ) -> Vec<Pair> {
         let limit = self.radius * self.radius;
         let mut pairs = Vec::with_capacity(points.len());
-        let mut found = Vec::new();
         // What is nearest to one point is near the next.
         let mut hint = NONE;
         for (query, (known, p)) in (first..).zip(known.iter_mut().zip(points)) {
@@ -144,7 +143,7 @@ impl Search<'_> {
             let at = pose.transform(p.map(f64::from)).map(|v| v as f32);
             let (mut map, mut d) = self.nearer(known, at);
             if !self.holds(known, at, d) {
-                (*known, map, d) = self.searched(known, at, hint, &mut found);
+                (*known, map, d) = self.searched(known, at, hint);
             }
             hint = map;
             if d <= limit && map != NONE {
@@ -180,39 +179,27 @@ impl Search<'_> {
     }
 
     /// By a walk through the tree, no further than to what is known to be near.
-    fn searched(
-        &self,
-        known: &Known,
-        at: [f32; 3],
-        hint: u32,
-        found: &mut Vec<Neighbour>,
-    ) -> (Known, u32, f32) {
+    fn searched(&self, known: &Known, at: [f32; 3], hint: u32) -> (Known, u32, f32) {
         let near = self.nearer(known, at).1.min(self.squared(hint, at)).sqrt();
         let near = near * (1.0 + ROUNDING);
-        let reach = if self.first {
+        let (reach, found, other) = if self.first {
             // From here the pose goes far, so that no bound would hold: the nearest alone is asked for.
             let reach = near.min(self.reach);
-            found.clear();
-            found.extend(self.map.tree.nearest_within(at, reach));
-            reach
+            let nearest = self.map.tree.nearest_within(at, reach).unwrap_or(NOWHERE);
+            (reach, [nearest, NOWHERE], nearest)
         } else {
             #[expect(clippy::cast_possible_truncation, reason = "metres")]
             let reach = (near + self.map.voxel as f32).min(self.reach);
-            self.map.tree.knn(at, 3, reach, found);
-            reach
+            let [first, second, third] = self.map.tree.three_nearest(at, reach);
+            (reach, [first, second], third)
         };
-        let name = |i: usize| found.get(i).map_or(NONE, |n| n.index);
-        let squared = |i: usize| found.get(i).map(|n| n.distance_squared);
-        let others = match squared(if self.first { 0 } else { 2 }) {
-            Some(d) => d.sqrt(),
-            None => reach,
-        };
+        let others = other.distance_squared.sqrt().min(reach);
         let known = Known {
             at,
-            nearest: [name(0), name(1)],
+            nearest: found.map(|n| n.index),
             others: others * (1.0 - ROUNDING),
         };
-        (known, name(0), squared(0).unwrap_or(f32::INFINITY))
+        (known, found[0].index, found[0].distance_squared)
     }
 
     #[inline]

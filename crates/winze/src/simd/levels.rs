@@ -5,7 +5,9 @@
 use std::fmt::{Debug, Write};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use fearless_simd::{Level, Simd};
+use fearless_simd::Level;
+#[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+use fearless_simd::Simd;
 
 use crate::config::{
     Config, DescriptorVariant, FpfhConfig, IcpConfig, IcpMetric, IssConfig, Kernel, Length,
