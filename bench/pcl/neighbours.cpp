@@ -1,4 +1,4 @@
-// Neighbour search. PCL's octree finds the same but is slower than the tree that it takes from FLANN, which is also what its features use.
+// Neighbour search, by the tree that PCL's features and registration search in by default.
 #include <pcl/kdtree/kdtree_flann.h>
 
 #include <cmath>

@@ -1,4 +1,5 @@
 // Poses: from correspondences, from a near start, and the whole chain.
+#include <pcl/common/centroid.h>
 #include <pcl/registration/gicp.h>
 #include <pcl/registration/icp.h>
 #include <pcl/registration/ndt.h>
@@ -19,17 +20,39 @@ constexpr double PAIRS_WITHIN = 1.0;
 constexpr int ICP_ITERATIONS = 50;
 constexpr double STEP = 0.0005;   // metres
 constexpr double TURN = 0.00005;  // radians
+constexpr double NDT_STEP = 0.5;  // metres, the longest step: half a cell, as winze has it
 
-Eigen::Matrix4d start(const bench::Arguments& args) {
-  const auto rows = bench::array<double>(args.file("start.f64"));
-  if (rows.size() != 16) throw std::runtime_error("start.f64 has not 16 numbers");
-  return Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(rows.data());
+using Rows = Eigen::Matrix<double, 4, 4, Eigen::RowMajor>;
+using Poses = std::vector<Eigen::Matrix4d>;
+
+Poses starts(const bench::Arguments& args) {
+  const auto numbers = bench::array<double>(args.file("start.f64"));
+  if (numbers.empty() || numbers.size() % 16 != 0) throw std::runtime_error("start.f64 holds no 4 x 4 matrices");
+  Poses poses;
+  for (std::size_t i = 0; i < numbers.size(); i += 16) poses.emplace_back(Eigen::Map<const Rows>(&numbers[i]));
+  return poses;
 }
 
-bench::Output show_pose(const Eigen::Matrix4d& pose) {
-  std::vector<double> rows(16);
-  Eigen::Map<Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(rows.data()) = pose;
-  return bench::output(rows, 0);
+bench::Output show_poses(const Poses& poses) {
+  std::vector<double> numbers(16 * poses.size());
+  for (std::size_t i = 0; i < poses.size(); ++i) Eigen::Map<Rows>{&numbers[16 * i]} = poses[i];
+  return bench::output(numbers, 0);
+}
+
+bench::Output show_pose(const Eigen::Matrix4d& pose) { return show_poses({pose}); }
+
+// Times `refine(start)` of all near starts, one after the other: what it makes is made anew for each.
+template <class Refine>
+void refined(const bench::Arguments& args, const std::string& note, Refine refine) {
+  const Poses from = starts(args);
+  bench::measure(
+      args, note,
+      [&] {
+        Poses poses;
+        for (const auto& start : from) poses.push_back(refine(start));
+        return poses;
+      },
+      show_poses);
 }
 
 Oriented::Ptr oriented(const Cloud& cloud, const Normals& normals) {
@@ -57,16 +80,29 @@ Eigen::Matrix4d icp_of_points(const Cloud::Ptr& query, const Cloud::Ptr& map, co
   return icp_from(icp, guess);
 }
 
+// NDT and GICP search for angles about the map's origin, which is moved to the query's middle: far from it a small turn is a long way.
+template <class Alignment>
+Eigen::Matrix4d aligned_there(Alignment& alignment, const Cloud::Ptr& query, const Cloud::Ptr& map, const Eigen::Matrix4d& guess) {
+  Eigen::Vector4d middle = Eigen::Vector4d::UnitW();
+  pcl::compute3DCentroid(*query, middle);
+  middle = guess * middle;
+  const Eigen::Translation3d there(middle.head<3>());
+  auto moved_map = std::make_shared<Cloud>();
+  pcl::demeanPointCloud(*map, middle, *moved_map);
+  alignment.setInputSource(query);
+  alignment.setInputTarget(moved_map);
+  Cloud moved;
+  alignment.align(moved, (there.inverse() * Eigen::Affine3d(guess)).matrix().template cast<typename Alignment::Matrix4::Scalar>());
+  return (there * Eigen::Affine3d(alignment.getFinalTransformation().template cast<double>())).matrix();
+}
+
 Eigen::Matrix4d ndt_of(const Cloud::Ptr& query, const Cloud::Ptr& map, const Eigen::Matrix4d& guess) {
   pcl::NormalDistributionsTransform<pcl::PointXYZ, pcl::PointXYZ> ndt;
   ndt.setResolution(1.0f);
+  ndt.setStepSize(NDT_STEP);
   ndt.setMaximumIterations(30);
   ndt.setTransformationEpsilon(0.001 * 0.001);
-  ndt.setInputSource(query);
-  ndt.setInputTarget(map);
-  Cloud moved;
-  ndt.align(moved, guess.cast<float>());
-  return ndt.getFinalTransformation().cast<double>();
+  return aligned_there(ndt, query, map, guess);
 }
 
 struct Described {
@@ -86,8 +122,7 @@ Described described(const Cloud::Ptr& raw, double v, int threads) {
 
 }  // namespace
 
-// `query[i]` and `map[i]` correspond. PCL's classes for this take the same model and sampler but offer neither threads nor the confidence
-// (CorrespondenceRejectorSampleConsensus), or look all points up in a tree for every sample (SampleConsensusPrerejective).
+// `query[i]` and `map[i]` correspond. By PCL's sampler and its model of a registration, which take the threads and the confidence.
 Eigen::Matrix4d pose_of(const Cloud::Ptr& query, const Cloud::Ptr& map, double v, int threads) {
   auto model = std::make_shared<pcl::SampleConsensusModelRegistration<pcl::PointXYZ>>(query);
   model->setInputTarget(map);
@@ -123,53 +158,39 @@ void ransac(const bench::Arguments& args) {
 void ndt(const bench::Arguments& args) {
   const Cloud::Ptr query = cloud(args, "query_thin.f32");
   const Cloud::Ptr map = cloud(args, "map_thin.f32");
-  const Eigen::Matrix4d guess = start(args);
-  bench::measure(args, "NormalDistributionsTransform; no threads", [&] { return ndt_of(query, map, guess); }, show_pose);
+  refined(args, "NormalDistributionsTransform, steps of 0.5 m at most, the origin moved to the query; no threads", [&](const Eigen::Matrix4d& guess) { return ndt_of(query, map, guess); });
 }
 
 void icp_point(const bench::Arguments& args) {
   const Cloud::Ptr query = cloud(args, "query_thin.f32");
   const Cloud::Ptr map = cloud(args, "map_thin.f32");
-  const Eigen::Matrix4d guess = start(args);
-  bench::measure(args, "IterativeClosestPoint; no threads", [&] { return icp_of_points(query, map, guess); }, show_pose);
+  refined(args, "IterativeClosestPoint; no threads", [&](const Eigen::Matrix4d& guess) { return icp_of_points(query, map, guess); });
 }
 
 void icp_plane(const bench::Arguments& args) {
   const Oriented::Ptr query = oriented(*cloud(args, "query_thin.f32"), *normals(args, "query_normals.f32"));
   const Oriented::Ptr map = oriented(*cloud(args, "map_thin.f32"), *normals(args, "map_normals.f32"));
-  const Eigen::Matrix4d guess = start(args);
-  bench::measure(
-      args, "IterativeClosestPointWithNormals; no threads",
-      [&] {
-        pcl::IterativeClosestPointWithNormals<pcl::PointNormal, pcl::PointNormal, double> icp;
-        icp.setInputSource(query);
-        icp.setInputTarget(map);
-        return icp_from(icp, guess);
-      },
-      show_pose);
+  refined(args, "IterativeClosestPointWithNormals; no threads", [&](const Eigen::Matrix4d& guess) {
+    pcl::IterativeClosestPointWithNormals<pcl::PointNormal, pcl::PointNormal, double> icp;
+    icp.setInputSource(query);
+    icp.setInputTarget(map);
+    return icp_from(icp, guess);
+  });
 }
 
 void gicp(const bench::Arguments& args) {
   const Cloud::Ptr query = cloud(args, "query_thin.f32");
   const Cloud::Ptr map = cloud(args, "map_thin.f32");
-  const Eigen::Matrix4d guess = start(args);
-  bench::measure(
-      args, "GeneralizedIterativeClosestPoint; no threads",
-      [&] {
-        pcl::GeneralizedIterativeClosestPoint<pcl::PointXYZ, pcl::PointXYZ> icp;
-        icp.setInputSource(query);
-        icp.setInputTarget(map);
-        icp.setCorrespondenceRandomness(NEIGHBOURS);
-        icp.setMaxCorrespondenceDistance(PAIRS_WITHIN);
-        icp.setMaximumIterations(ICP_ITERATIONS);
-        // Here they bound the change of each entry of the matrix.
-        icp.setTransformationEpsilon(STEP);
-        icp.setRotationEpsilon(TURN);
-        Cloud moved;
-        icp.align(moved, guess.cast<float>());
-        return Eigen::Matrix4d(icp.getFinalTransformation().cast<double>());
-      },
-      show_pose);
+  refined(args, "GeneralizedIterativeClosestPoint in double precision, the origin moved to the query; no threads", [&](const Eigen::Matrix4d& guess) {
+    pcl::GeneralizedIterativeClosestPoint<pcl::PointXYZ, pcl::PointXYZ, double> icp;
+    icp.setCorrespondenceRandomness(NEIGHBOURS);
+    icp.setMaxCorrespondenceDistance(PAIRS_WITHIN);
+    icp.setMaximumIterations(ICP_ITERATIONS);
+    // Here they bound the change of each entry of the matrix.
+    icp.setTransformationEpsilon(STEP);
+    icp.setRotationEpsilon(TURN);
+    return aligned_there(icp, query, map, guess);
+  });
 }
 
 void chain(const bench::Arguments& args) {

@@ -19,6 +19,7 @@ COLOURS = {
     "winze": "#d9480f",
     "PCL": "#1c7ed6",
     "Open3D": "#2b8a3e",
+    "Open3D-FGR": "#74b816",
     "small_gicp": "#9c36b5",
     "KISS-Matcher": "#f08c00",
     "TEASER++": "#0c8599",
@@ -28,6 +29,11 @@ COLOURS = {
 ROW = 0.16
 # Seconds below which a bar is not drawn shorter.
 LEAST = 1e-4
+
+
+def colour(name):
+    """All voxel sizes of a library have one."""
+    return COLOURS.get(name.partition("@")[0], "#adb5bd")
 
 
 def panel(axes, cells, input_, threads, names):
@@ -48,7 +54,7 @@ def panel(axes, cells, input_, threads, names):
                 max(cell["cpu"], LEAST),
                 height=0.92,
                 left=0.0,
-                color=COLOURS.get(name, "#adb5bd"),
+                color=colour(name),
                 alpha=1.0 if cell["comparable"] else 0.3,
                 hatch=None if cell["comparable"] else "////",
             )
@@ -96,8 +102,8 @@ def draw(raw, path):
     )
     for axes, input_ in zip(panels[0], inputs):
         panel(axes, cells, input_, threads, names)
-    handles = [plt.Rectangle((0, 0), 1, 1, color=COLOURS.get(name, "#adb5bd")) for name in names]
-    labels = list(names)
+    labels = list(dict.fromkeys(name.partition("@")[0] for name in names))
+    handles = [plt.Rectangle((0, 0), 1, 1, color=colour(name)) for name in labels]
     if any(not c["comparable"] and not c["failed"] for c in cells.values()):
         handles.append(plt.Rectangle((0, 0), 1, 1, facecolor="#ced4da", hatch="////", alpha=0.6))
         labels.append("another result")

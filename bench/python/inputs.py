@@ -9,10 +9,11 @@ import numpy as np
 class Inputs:
     """One folder of inputs, such as `sim`."""
 
-    def __init__(self, folder):
+    def __init__(self, folder, voxel=None):
+        """At a `voxel` size of the caller's, metres, or that of the settings."""
         self.folder = pathlib.Path(folder)
         self.name = self.folder.name
-        self.voxel = float(json.loads((self.folder / "settings.json").read_text())["voxel"])
+        self.voxel = voxel or float(json.loads((self.folder / "settings.json").read_text())["voxel"])
 
     def path(self, name):
         return str(self.folder / name)
@@ -32,6 +33,10 @@ class Inputs:
 
     def pose(self, name):
         return np.fromfile(self.path(name), np.float64).reshape(4, 4)
+
+    def starts(self):
+        """K x 4 x 4: what refinement begins with, one after the other."""
+        return np.fromfile(self.path("start.f64"), np.float64).reshape(-1, 4, 4)
 
     def queries(self):
         """The raw points of every query, in their order."""

@@ -6,6 +6,8 @@ import resource
 import time
 import typing
 
+# A run that takes longer, in seconds, is not repeated: as the warm-up it is the only one.
+SLOW = 100.0
 
 @dataclasses.dataclass
 class Work:
@@ -19,6 +21,8 @@ class Work:
     # Before every run, outside the time: undoes what a run leaves behind.
     fresh: typing.Callable[[], None] = lambda: None
     note: str = ""
+    # Wall seconds of the last run's parts, by their names, where the library tells them.
+    split: typing.Callable[[], dict] = dict
 
 
 def cpu_seconds():
@@ -39,20 +43,31 @@ def reset_peak():
         file.write("5")
 
 
+def timed(work):
+    """What a run gave back, its wall and its CPU seconds."""
+    began, used = time.perf_counter(), cpu_seconds()
+    given = work.run()
+    cpu = cpu_seconds() - used
+    return given, time.perf_counter() - began, cpu
+
+
 def measured(work, repeat):
     """The figures of a line and what the last run gave back."""
     gc.collect()
     work.fresh()
     before = status_bytes("VmRSS")
     reset_peak()
-    given = work.run()
-    wall, cpu = [], []
-    for _ in range(repeat):
+    given, *first = timed(work)
+    unwarmed = first[0] > SLOW
+    runs = [first] if unwarmed else []
+    for _ in range(0 if unwarmed else repeat):
         given = None
         work.fresh()
-        began, used = time.perf_counter(), cpu_seconds()
-        given = work.run()
-        cpu.append(cpu_seconds() - used)
-        wall.append(time.perf_counter() - began)
+        given, *took = timed(work)
+        runs.append(took)
     peak = status_bytes("VmHWM")
-    return {"wall": wall, "cpu": cpu, "rss_before": before, "rss_peak": peak}, given
+    wall, cpu = map(list, zip(*runs))
+    figures = {"wall": wall, "cpu": cpu, "rss_before": before, "rss_peak": peak}
+    if unwarmed:
+        figures["unwarmed"] = True
+    return figures, given

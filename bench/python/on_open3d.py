@@ -1,4 +1,4 @@
-"""Open3D's stages. Where it has two ways, its legacy and its tensor interface, the one is taken that used less CPU time."""
+"""Open3D's stages. Where it has two ways, its legacy and its tensor interface, the one is taken that used less CPU time when this was written."""
 
 import numpy as np
 import open3d as o3d
@@ -10,14 +10,17 @@ TREG = o3d.t.pipelines.registration
 Tensor = o3d.core.Tensor
 
 NEIGHBOURS = 20
-DEVIATIONS = 2.0
+# It counts the point itself among the neighbours of which it takes the mean distance.
+OUTLIERS = NEIGHBOURS + 1, 2.0
 EDGE_SIMILARITY = 0.9
 SAMPLES = 100_000
 CONFIDENCE = 0.999
 PAIRS_WITHIN = 1.0
 ITERATIONS = 50
+# Any odd numbers will do.
+ODD = np.array([0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64)
 LEGACY, TENSOR = "legacy interface", "tensor interface"
-ICP_NOTE = "legacy interface, quicker here than the tensor one; its convergence is relative fitness and RMSE, left at 1e-6"
+ICP_NOTE = "legacy interface; its convergence is relative fitness and RMSE, left at 1e-6"
 
 
 def limit(threads):
@@ -49,9 +52,13 @@ def indices(array):
 
 
 def pose_work(run, note=""):
-    return Work(
-        run=run, result=lambda found: np.ascontiguousarray(found, np.float64), count=lambda _: 0, note=note
-    )
+    return Work(run=run, result=lambda found: np.ascontiguousarray(found, np.float64), count=lambda _: 0, note=note)
+
+
+def refining(run, inputs, note):
+    """`run` from each start."""
+    starts = inputs.starts()
+    return pose_work(lambda: [run(start) for start in starts], note)
 
 
 # Files.
@@ -89,15 +96,15 @@ def voxel(inputs, _threads):
 def outliers(inputs, _threads):
     map_ = tensor(inputs.points("map_thin.f32"))
     return Work(
-        run=lambda: map_.remove_statistical_outliers(NEIGHBOURS, DEVIATIONS),
+        run=lambda: map_.remove_statistical_outliers(*OUTLIERS),
         result=lambda kept: indices(np.flatnonzero(kept[1].numpy())),
         note=TENSOR,
     )
 
 
 def search(points, radius=None):
-    """Its search for many points at once."""
-    built = o3d.core.nns.NearestNeighborSearch(Tensor(points), o3d.core.int32)
+    """Its search for many points, a tensor, at once."""
+    built = o3d.core.nns.NearestNeighborSearch(points, o3d.core.int32)
     if radius is None:
         built.knn_index()
     else:
@@ -106,19 +113,19 @@ def search(points, radius=None):
 
 
 def tree(inputs, _threads):
-    map_ = inputs.points("map.f32")
+    map_ = Tensor(inputs.points("map.f32"))
     return Work(run=lambda: search(map_), note="core.nns, which the searches below use")
 
 
 def nearest(inputs, _threads):
-    built, probes = search(inputs.points("map.f32")), Tensor(inputs.points("probes.f32"))
+    built, probes = search(Tensor(inputs.points("map.f32"))), Tensor(inputs.points("probes.f32"))
     return Work(
         run=lambda: built.knn_search(probes, 1), result=lambda found: f32(np.sqrt(found[1].numpy()[:, 0])), note="core.nns"
     )
 
 
 def knn(inputs, _threads):
-    built, probes = search(inputs.points("map.f32")), Tensor(inputs.points("probes.f32"))
+    built, probes = search(Tensor(inputs.points("map.f32"))), Tensor(inputs.points("probes.f32"))
     return Work(
         run=lambda: built.knn_search(probes, NEIGHBOURS),
         result=lambda found: f32(np.sqrt(found[1].numpy()).sum(axis=1)),
@@ -128,7 +135,7 @@ def knn(inputs, _threads):
 
 def radius(inputs, _threads):
     within = 3.0 * inputs.voxel
-    built, probes = search(inputs.points("map.f32"), within), Tensor(inputs.points("probes.f32"))
+    built, probes = search(Tensor(inputs.points("map.f32")), within), Tensor(inputs.points("probes.f32"))
     return Work(
         run=lambda: built.fixed_radius_search(probes, within, sort=False),
         result=lambda found: indices(np.diff(found[2].numpy())),
@@ -155,9 +162,14 @@ def normals(**how):
 
 
 def rows_of(points, chosen):
-    """Which rows of `points` the points of `chosen` are: ISS gives a cloud, not indices."""
-    place = {point.tobytes(): row for row, point in enumerate(np.asarray(points))}
-    return indices(sorted(place[point.tobytes()] for point in np.asarray(chosen)))
+    """Which rows of `points` the points of `chosen` are, by a hash of the bits: ISS gives a cloud, not indices."""
+
+    def hashed(cloud):
+        bits = np.asarray(cloud).view(np.uint64)
+        # The low bits of what was 32 bits wide before are zero.
+        return (bits ^ (bits >> np.uint64(32))) @ ODD
+
+    return np.flatnonzero(np.isin(hashed(points), hashed(chosen)))
 
 
 def keypoints(cloud, voxel_size):
@@ -168,7 +180,7 @@ def iss(inputs, _threads):
     map_ = legacy(inputs.points("map_thin.f32"))
     return Work(
         run=lambda: keypoints(map_, inputs.voxel),
-        result=lambda found: rows_of(map_.points, found.points),
+        result=lambda found: indices(rows_of(map_.points, found.points)),
         note=LEGACY + ", its only one",
     )
 
@@ -233,10 +245,11 @@ def icp(metric):
     def stage(inputs, _threads):
         query = legacy(inputs.points("query_thin.f32"))
         map_ = legacy(inputs.points("map_thin.f32"), inputs.points("map_normals.f32"))
-        start = inputs.pose("start.f64")
-        return pose_work(
-            lambda: REG.registration_icp(query, map_, PAIRS_WITHIN, start, metric(), criteria()).transformation, ICP_NOTE
-        )
+
+        def run(start):
+            return REG.registration_icp(query, map_, PAIRS_WITHIN, start, metric(), criteria()).transformation
+
+        return refining(run, inputs, ICP_NOTE)
 
     return stage
 
@@ -244,36 +257,28 @@ def icp(metric):
 def gicp(inputs, _threads):
     clouds = {name: legacy(inputs.points(name)) for name in ("query_thin.f32", "map_thin.f32")}
     query, map_ = clouds.values()
-    start = inputs.pose("start.f64")
     around = o3d.geometry.KDTreeSearchParamKNN(NEIGHBOURS)
 
-    def fresh():
-        for cloud in clouds.values():
-            cloud.covariances = o3d.utility.Matrix3dVector()
-
-    def run():
+    def run(start):
+        # Those of the start before are overwritten.
         for cloud in clouds.values():
             cloud.estimate_covariances(around)
         estimation = REG.TransformationEstimationForGeneralizedICP()
         return REG.registration_generalized_icp(query, map_, PAIRS_WITHIN, start, estimation, criteria()).transformation
 
-    work = pose_work(run, ICP_NOTE.replace("legacy interface, quicker here than the tensor one", "legacy interface, its only one"))
-    work.fresh = fresh
-    return work
+    return refining(run, inputs, ICP_NOTE.replace("interface", "interface, its only one", 1))
 
 
 # From raw clouds to a pose.
 
 
 def described(raw, voxel_size):
-    """A cloud as the paper's chain wants it: thin, with normals; its keypoints and their features."""
-    thin = raw.remove_statistical_outliers(NEIGHBOURS, DEVIATIONS)[0].to_legacy().voxel_down_sample(voxel_size)
+    """A cloud as the paper's chain wants it: thin; its keypoints and their features."""
+    thin = raw.remove_statistical_outliers(*OUTLIERS)[0].to_legacy().voxel_down_sample(voxel_size)
     even = o3d.t.geometry.PointCloud.from_legacy(thin)
     even.estimate_normals(max_nn=NEIGHBOURS)
-    thin = even.to_legacy()
     found = keypoints(thin, voxel_size)
-    at = rows_of(thin.points, found.points).astype(np.int64)
-    # The tensor interface's FPFH took two thirds of the legacy one's time.
+    at = rows_of(thin.points, found.points)
     features = TREG.compute_fpfh_feature(even, None, 5.0 * voxel_size, Tensor(at))
     return thin, thin.select_by_index(at), features
 
@@ -302,18 +307,19 @@ def prepared(raw, voxel_size):
     return thin, feature
 
 
-def located(raw, map_, voxel_size):
+def by_ransac(*clouds, voxel_size):
+    return REG.registration_ransac_based_on_feature_matching(*clouds, True, *sampling(1.5 * voxel_size))
+
+
+def by_fgr(*clouds, voxel_size):
+    option = REG.FastGlobalRegistrationOption(maximum_correspondence_distance=0.5 * voxel_size)
+    return REG.registration_fgr_based_on_feature_matching(*clouds, option)
+
+
+def located(raw, map_, voxel_size, way):
     query_thin, query_feature = prepared(raw, voxel_size)
     map_thin, map_feature = map_
-    within = 1.5 * voxel_size
-    pose = REG.registration_ransac_based_on_feature_matching(
-        query_thin,
-        map_thin,
-        query_feature,
-        map_feature,
-        True,
-        *sampling(within),
-    ).transformation
+    pose = way(query_thin, map_thin, query_feature, map_feature, voxel_size=voxel_size).transformation
     for distance in (2.0 * voxel_size, voxel_size):
         pose = REG.registration_icp(
             query_thin, map_thin, distance, pose, REG.TransformationEstimationPointToPlane()
@@ -321,18 +327,23 @@ def located(raw, map_, voxel_size):
     return np.asarray(pose)
 
 
-def relocalize(map_is_prepared):
+def relocalize(map_is_prepared, way):
     def stage(inputs, _threads):
         raw = legacy(inputs.points("map.f32"))
         queries = [legacy(points) for points in inputs.queries()]
         kept = prepared(raw, inputs.voxel) if map_is_prepared else None
 
         def run():
-            return np.stack([located(query, kept or prepared(raw, inputs.voxel), inputs.voxel) for query in queries])
+            return np.stack([located(query, kept or prepared(raw, inputs.voxel), inputs.voxel, way) for query in queries])
 
-        return pose_work(run, "FPFH, RANSAC by mutual matches, point-to-plane ICP in two steps, as its documentation puts them together")
+        how = "fast global registration" if way is by_fgr else "RANSAC by mutual matches"
+        return pose_work(run, f"FPFH, {how}, point-to-plane ICP in two steps, as its documentation puts them together")
 
     return stage
+
+
+def relocate(way):
+    return {"relocalize-prepared": relocalize(True, way), "relocalize": relocalize(False, way)}
 
 
 STAGES = {
@@ -358,6 +369,6 @@ STAGES = {
     "icp-plane": icp(REG.TransformationEstimationPointToPlane),
     "gicp": gicp,
     "chain": chain,
-    "relocalize-prepared": relocalize(True),
-    "relocalize": relocalize(False),
+    **relocate(by_ransac),
 }
+FAST_STAGES = relocate(by_fgr)

@@ -71,14 +71,14 @@ def registration(kind):
     def stage(inputs, threads):
         map_ = cloud(inputs.points("map_thin.f32"))
         query = cloud(inputs.points("query_thin.f32"))
-        start = inputs.pose("start.f64")
+        starts = inputs.starts()
         note = ""
         if kind == "PLANE_ICP":
             # There is no way to hand normals in, so they are its own of as many neighbours, made outside the time.
             small_gicp.estimate_normals(map_, None, NEIGHBOURS, threads)
             note = "normals are its own of 20 neighbours, made outside the time: it takes none from outside"
 
-        def run():
+        def one(start):
             built = small_gicp.KdTree(map_, threads)
             if kind == "GICP":
                 small_gicp.estimate_covariances(map_, built, NEIGHBOURS, threads)
@@ -97,10 +97,12 @@ def registration(kind):
                 translation_epsilon=TRANSLATION_EPSILON,
             )
 
-        def pose(found):
-            return np.ascontiguousarray(found.T_target_source, np.float64)
-
-        return Work(run=run, result=pose, count=lambda _: 0, note=note)
+        return Work(
+            run=lambda: [one(start) for start in starts],
+            result=lambda found: np.stack([each.T_target_source for each in found]).astype(np.float64),
+            count=lambda _: 0,
+            note=note,
+        )
 
     return stage
 

@@ -16,30 +16,41 @@ import sys
 
 from inputs import Inputs
 
-# Name: its module here, its package. The modules of the libraries are imported only to run a stage.
-LIBRARIES = {
-    "Open3D": ("on_open3d", "open3d-cpu"),
-    "small_gicp": ("on_small_gicp", "small_gicp"),
-    "KISS-Matcher": ("on_kiss_matcher", "kiss_matcher"),
-}
-
 REFINERS = ["icp-point", "icp-plane", "gicp"]
 QUERIES = ["nearest", "knn"]
+RELOCATE = ["relocalize-prepared", "relocalize"]
 STAGES = {
     "Open3D": ["read-pcd-ascii", "read-pcd-binary", "read-pcd-compressed", "read-ply", "voxel", "outliers", "tree"]
     + QUERIES
     + ["radius", "normals-knn", "normals-radius", "iss", "fpfh-all", "fpfh-keypoints", "match", "match-mutual", "ransac"]
     + REFINERS
-    + ["chain", "relocalize-prepared", "relocalize"],
+    + ["chain"]
+    + RELOCATE,
+    # At voxel sizes of its own, metres.
+    "Open3D@0.3": RELOCATE,
+    "Open3D@0.5": RELOCATE,
+    # By fast global registration in place of RANSAC.
+    "Open3D-FGR": RELOCATE,
+    "Open3D-FGR@0.5": RELOCATE,
     "small_gicp": ["voxel", "tree"] + QUERIES + ["normals-knn"] + REFINERS,
     "KISS-Matcher": ["ransac", "relocalize"],
+    "KISS-Matcher@0.3": ["relocalize"],
+    "KISS-Matcher@0.5": ["relocalize"],
+}
+
+# Name before the voxel size: its module here, the name of its stages there, its package. The modules are imported only to run a stage.
+LIBRARIES = {
+    "Open3D": ("on_open3d", "STAGES", "open3d-cpu"),
+    "Open3D-FGR": ("on_open3d", "FAST_STAGES", "open3d-cpu"),
+    "small_gicp": ("on_small_gicp", "STAGES", "small_gicp"),
+    "KISS-Matcher": ("on_kiss_matcher", "STAGES", "kiss_matcher"),
 }
 
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--stages", action="store_true", help="list what there is, a line each")
-    parser.add_argument("--library", dest="name", choices=LIBRARIES, type=known_as)
+    parser.add_argument("--library", dest="name", choices=STAGES, type=known_as)
     parser.add_argument("--inputs")
     parser.add_argument("--stage")
     parser.add_argument("--threads", type=int, default=1)
@@ -59,26 +70,38 @@ def arguments():
 
 def known_as(name):
     """A library's name, however it is written."""
-    return {known.lower(): known for known in LIBRARIES}.get(name.lower(), name)
+    return {known.lower(): known for known in STAGES}.get(name.lower(), name)
+
+
+def installed(package):
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
 
 
 def main():
     given = arguments()
     if given.stages:
         for library, stages in STAGES.items():
+            package = LIBRARIES[library.partition("@")[0]][2]
+            if not installed(package):
+                print(f"{package} is not installed: {library} is left out", file=sys.stderr)
+                continue
             for stage in stages:
                 print(library, stage)
         return
     # Before the import: OpenMP looks once.
     os.environ["OMP_NUM_THREADS"] = str(given.threads)
-    module, package = LIBRARIES[given.name]
+    name, _, voxel = given.name.partition("@")
+    module, stages, package = LIBRARIES[name]
     library = importlib.import_module(module)
     library.limit(given.threads)
 
     from measure import measured
 
-    inputs = Inputs(given.inputs)
-    work = library.STAGES[given.stage](inputs, given.threads)
+    inputs = Inputs(given.inputs, float(voxel) if voxel else None)
+    work = getattr(library, stages)[given.stage](inputs, given.threads)
     figures, value = measured(work, given.repeat)
     array = work.result(value)
     if given.out:
@@ -91,7 +114,7 @@ def main():
         count = 0 if array is None else len(array)
     line = {
         "library": given.name,
-        "version": importlib.metadata.version(package),
+        "version": installed(package),
         "stage": given.stage,
         "input": inputs.name,
         "threads": given.threads,
@@ -99,6 +122,8 @@ def main():
         "count": count,
         "note": work.note,
     }
+    if split := work.split():
+        line["split"] = split
     # The libraries may have printed to the same pipe.
     sys.stdout.flush()
     print(json.dumps(line), flush=True)

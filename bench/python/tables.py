@@ -56,8 +56,13 @@ TARGETS = {
     "chain": 8,
     "relocalize-prepared": 10,
 }
-# Stages whose target names the peer.
+# Stages whose target names the peer. Of its voxel sizes (`NAME@METRES`) the one that places most queries right counts, of equals the quickest.
 AGAINST = {"relocalize-prepared": "KISS-Matcher"}
+# Stages with a second row: against the best of all (None), and where the work is the same against the one that the target names.
+ALSO = {"relocalize-prepared": None, "relocalize": "KISS-Matcher"}
+# There the tree was made before, so that what is measured leaves most of the memory out.
+WITHOUT_MEMORY = ["nearest", "knn", "radius"]
+WITHOUT_TARGET = {"yes": "ahead", "about": "about", "no": "behind"}
 # Who has no map prepared beforehand is asked with the map's work done anew.
 INSTEAD = {"relocalize-prepared": "relocalize"}
 
@@ -70,7 +75,7 @@ def gathered(raw):
     """By (input, threads, stage, library): the medians of all rounds, or why there are none."""
     cells = {}
     for run in raw["runs"]:
-        cell = cells.setdefault(key(run), {"wall": [], "cpu": [], "own": 0, "peak": 0, "count": None, "note": "", "failed": None})
+        cell = cells.setdefault(key(run), {"wall": [], "cpu": [], "own": 0, "peak": 0, "count": None, "note": "", "split": {}, "failed": None})
         if run.get("failed"):
             cell["failed"] = cell["failed"] or run["failed"]
             continue
@@ -78,12 +83,13 @@ def gathered(raw):
         cell["cpu"] += run["cpu"]
         cell["own"] = max(cell["own"], run["rss_peak"] - run["rss_before"])
         cell["peak"] = max(cell["peak"], run["rss_peak"])
-        cell["count"], cell["note"] = run["count"], run.get("note", "")
+        cell["count"], cell["note"], cell["split"] = run["count"], run.get("note", ""), run.get("split", {})
     compared = {key(c): c for c in raw.get("comparisons", [])}
     for at, cell in cells.items():
         cell["runs"] = len(cell["cpu"])
         if cell["runs"] == 0 and not cell["failed"]:
             cell["failed"] = "no run"
+        cell["least"], cell["most"] = (min(cell["cpu"]), max(cell["cpu"])) if cell["runs"] else (None, None)
         for name in ("cpu", "wall"):
             cell[name] = statistics.median(cell[name]) if cell["runs"] else None
         told = compared.get(at, {})
@@ -115,24 +121,33 @@ def best(cells, at, what, only=None):
     return min(peers, key=lambda p: p[:2])[1:] if peers else None
 
 
-def standing(cells, input_, threads, stage):
-    """winze beside the best peer at one stage: ratios above 1 are winze's lead. None where one of them is missing."""
+def chosen(cells, at, name):
+    """The voxel size of a peer that counts, as the library's name; None where none is comparable."""
+    able = [
+        (-cell["right"], cell["cpu"], library)
+        for (*where, library), cell in cells.items()
+        if tuple(where) == at and library.partition("@")[0] == name and not cell["failed"] and cell["comparable"]
+    ]
+    return min(able)[2] if able else None
+
+
+def standing(cells, input_, threads, stage, also=False):
+    """winze beside the best peer at one stage, or `also` beside that of its second row. Ratios above 1 are winze's lead. None where one lacks."""
     at = (input_, threads, stage)
     own = cells.get((*at, REFERENCE))
-    named = AGAINST.get(stage)
-    found = best(cells, at, "cpu", named)
+    against = (ALSO if also else AGAINST).get(stage)
+    named = chosen(cells, at, against) if against else None
     # Another peer than the one that the target names has no target.
-    target = TARGETS.get(stage) if found else None
-    if found is None:
-        named, found = None, best(cells, at, "cpu")
+    target = TARGETS.get(stage) if named or stage not in AGAINST else None
+    found = best(cells, at, "cpu", named)
     if own is None or own["failed"] or not own["comparable"] or found is None:
         return None
     library, peer = found
     wall = best(cells, at, "wall", named)
     least = best(cells, at, "own")[1]["own"]
-    lead = over(peer["cpu"], own["cpu"])
-    # Of a peer that a target names winze must place as many right.
-    enough = named is None or own["right"] >= peer["right"]
+    lead, surely = over(peer["cpu"], own["cpu"]), over(peer["least"], own["most"])
+    # Of queries winze must place as many right.
+    enough = own["right"] >= peer["right"]
     return {
         "own": own,
         "peer": peer,
@@ -141,18 +156,47 @@ def standing(cells, input_, threads, stage):
         "wall": over(wall[1]["wall"], own["wall"]),
         "memory": over(max(least, MEGABYTE), max(own["own"], MEGABYTE)),
         "target": target,
-        "reached": lead >= (target or 1) and enough,
+        "reached": reached(surely, lead, target or 1) if enough else "no",
     }
+
+
+def reached(surely, lead, target):
+    """By the peer's quickest run over winze's slowest, or by the medians alone."""
+    return "yes" if surely >= target else "about" if lead >= target else "no"
+
+
+def both(cells, input_, threads, stage):
+    """The standings of a stage: one, or two where it has a second row and that is of another peer."""
+    first = standing(cells, input_, threads, stage)
+    second = standing(cells, input_, threads, stage, also=True) if stage in ALSO else None
+    if first and second and second["library"] != first["library"]:
+        return [first, second]
+    return [first] if first else []
 
 
 def over(a, b):
     return a / b if b > 0 else float("inf")
 
 
-def seconds(value):
+def unit(value):
+    """Of a time: by how much to multiply, how to write and what to call it."""
     if value < 0.01:
-        return f"{value * 1000:.2f} ms"
-    return f"{value * 1000:.0f} ms" if value < 1 else f"{value:.2f} s"
+        return 1000, ".2f", "ms"
+    return (1000, ".0f", "ms") if value < 1 else (1, ".2f", "s")
+
+
+def seconds(value):
+    times, form, name = unit(value)
+    return f"{value * times:{form}} {name}"
+
+
+def spread(cell):
+    """The median, and the least and the most in its unit."""
+    text = seconds(cell["cpu"])
+    if cell["runs"] < 2:
+        return text
+    times, form, _ = unit(cell["cpu"])
+    return f"{text} ({cell['least'] * times:{form}}–{cell['most'] * times:{form}})"
 
 
 def ratio(value):
@@ -228,26 +272,29 @@ def missing(cells, at):
     return [[at[2], text, "", "none that is comparable", "", "", "", "", ""]]
 
 
+def which(standing_):
+    return standing_["library"] + (" †" if standing_["peer"]["instead"] else "")
+
+
 def verdicts(cells, input_, threads):
     rows = []
     for stage in stages(cells):
-        s = standing(cells, input_, threads, stage)
-        if s is None:
-            rows += missing(cells, (input_, threads, stage))
-            continue
-        rows.append(
+        found = both(cells, input_, threads, stage)
+        rows += missing(cells, (input_, threads, stage)) if not found else []
+        rows += [
             [
                 stage,
                 seconds(s["own"]["cpu"]),
                 seconds(s["peer"]["cpu"]),
-                s["library"] + (" †" if s["peer"]["instead"] else ""),
+                which(s),
                 ratio(s["cpu"]),
                 ratio(s["wall"]),
                 s["target"] or "–",
-                ("yes" if s["reached"] else "no") if s["target"] else ("ahead" if s["reached"] else "behind"),
-                ratio(s["memory"]),
+                s["reached"] if s["target"] else WITHOUT_TARGET[s["reached"]],
+                "–" if stage in WITHOUT_MEMORY else ratio(s["memory"]),
             ]
-        )
+            for s in found
+        ]
     head = ["stage", "winze CPU", "best peer CPU", "which", "CPU ratio", "wall ratio", "target", "reached", "memory ratio"]
     return table(head, rows)
 
@@ -255,9 +302,12 @@ def verdicts(cells, input_, threads):
 def machine(raw):
     m = raw.get("machine", {})
     about = [f"{raw.get('date', '')}", m.get("cpu", ""), f"{m.get('cores', '?')} cores", m.get("kernel", ""), m.get("rustc", "")]
-    load = ", ".join(f"{x:.2f}" for x in m.get("load", []))
-    line = "; ".join(a for a in about if a) + (f"; load at the start {load}" if load else "")
-    return line + "; winze at " + m.get("commit", "?") + "."
+    about += [
+        f"load {when} " + ", ".join(f"{x:.2f}" for x in m[name])
+        for when, name in (("at the start", "load"), ("after", "load_after"))
+        if m.get(name)
+    ]
+    return "; ".join(a for a in about if a) + "; winze at " + m.get("commit", "?") + "."
 
 
 def versions(raw):
@@ -265,9 +315,15 @@ def versions(raw):
     return ", ".join(f"{library} {version}" for library, version in sorted(found.items(), key=lambda v: v[0].lower()))
 
 
-LEGEND = """Medians of {repeat} timed runs after a warm-up, or of as many as `n` says. ✗: the result cannot be compared with winze's (or was not), so the peer does
-not count as best. †: its work on the map cannot be kept, so this is `relocalize`. Ratios are best peer over winze: above 1 winze is ahead. The best in CPU time, in wall
-time and in memory may be three different peers; where the target names one, CPU and wall are that one's. Memory is the peak less what was resident before (at least 1 MB).
+LEGEND = """Medians of {repeat} timed runs after a warm-up, with the least and the most, or of as many as `n` says (of what takes over 100 s one,
+which may be the warm-up). ✗: the result cannot be compared with winze's (or was not), so the peer does not count as best. Ratios are best peer over
+winze: above 1 winze is ahead. `reached`: `yes` where even the peer's quickest run over winze's slowest reaches the target, `about` where the medians
+do; without a target `ahead`, `about` and `behind`. The best in CPU time, in wall time and in memory may be three different peers; where a row is
+against one by name, CPU and wall are that one's. Memory is the peak less what was resident before (at least 1 MB).
+
+†: its work on the map cannot be kept, so this is its `relocalize`, the map's work included. Like for like is the stage `relocalize`, where winze
+does the map's work anew too: it has a row against the best peer and one against KISS-Matcher, as `relocalize-prepared` has one against KISS-Matcher
+and one against the best.
 """
 
 
@@ -282,7 +338,7 @@ def full(raw):
             "### Best peer over winze\n",
             verdicts(cells, input_, threads),
             "### CPU time\n",
-            grid(cells, where, lambda c: seconds(c["cpu"]), repeat),
+            grid(cells, where, spread, repeat),
             "### Wall time\n",
             grid(cells, where, lambda c: seconds(c["wall"]), repeat),
             "### Peak memory: of the stage (of the process), MB\n",
@@ -307,6 +363,12 @@ def notes(cells):
     lines = []
     for (library, note), at in said.items():
         lines.append(f"* {library}, {', '.join(dict.fromkeys(at))}: {note}.")
+    # Of the parts of a run that the library's own clocks tell.
+    for (input_, threads, stage, library), cell in sorted(cells.items(), key=lambda c: (c[0][3].lower(), c[0])):
+        if cell["split"] and not cell["instead"]:
+            parts = ", ".join(f"{name} {seconds(value)}" for name, value in cell["split"].items())
+            where = f"{stage} of {input_}, {threads} thread{'s' * (threads > 1)}"
+            lines.append(f"* {library}, {where}, wall time of the last run by its own clocks: {parts}.")
     return "\n".join(lines) + "\n"
 
 
@@ -318,15 +380,10 @@ def short(raw):
         counts = [t for i, t in sections(cells) if i == input_]
         rows = []
         for stage in stages(cells):
-            found = {t: standing(cells, input_, t, stage) for t in counts}
-            first = found[counts[0]]
-            if first is None:
-                continue
-            which = first["library"] + (" †" if first["peer"]["instead"] else "")
-            rows.append(
-                [stage, seconds(first["own"]["cpu"]), seconds(first["peer"]["cpu"]), which]
-                + [ratio(found[t]["cpu"]) if found[t] else "" for t in counts]
-            )
+            found = {t: both(cells, input_, t, stage) for t in counts}
+            for n, first in enumerate(found[counts[0]]):
+                leads = [ratio(s[n]["cpu"]) if n < len(s) else "" for s in found.values()]
+                rows.append([stage, seconds(first["own"]["cpu"]), seconds(first["peer"]["cpu"]), which(first), *leads])
         heads = [f"ratio, {t} thread{'s' * (t > 1)}" for t in counts]
         parts.append(f"{input_}, CPU time with {counts[0]} thread{'s' * (counts[0] > 1)}:\n")
         parts.append(table(["stage", "winze", "best peer", "which", *heads], rows))

@@ -19,7 +19,7 @@ use inputs::Inputs;
 use inputs::make::{Question, write_all, write_bare};
 use inputs::{drift, jinchuan, sim};
 use measure::{Bench, Plan};
-use stages::{Done, Library};
+use stages::{Done, Library, iss_about_mean};
 
 #[derive(Debug, Parser)]
 #[command(
@@ -47,7 +47,7 @@ struct Args {
     /// Timed runs, after one to warm up.
     #[arg(long, default_value_t = 5)]
     repeat: usize,
-    /// Where the result of the last run goes.
+    /// Where the result of the last run goes; of `iss` also, to FILE.mean, the keypoints by the scatter about the mean.
     #[arg(long)]
     out: Option<PathBuf>,
 }
@@ -169,6 +169,11 @@ fn measure_stage(args: &Args) -> anyhow::Result<()> {
     let done = run(library, stage, &inputs, args.threads, &mut bench)?;
     if let Some(out) = &args.out {
         arrays::write(out, &done.bytes)?;
+        if library == Library::Winze && stage == "iss" {
+            let mut mean = out.clone().into_os_string();
+            mean.push(".mean");
+            arrays::write(Path::new(&mean), &iss_about_mean(&inputs)?.bytes)?;
+        }
     }
     let figures = &bench.figures;
     let line = json!({

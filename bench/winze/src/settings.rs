@@ -1,8 +1,8 @@
 //! The settings of the protocol (`bench/README.md`) as winze's own.
 
 use winze::config::{
-    Config, DescriptorVariant, FpfhConfig, IcpConfig, IcpMetric, IssConfig, Kernel, Length,
-    MatchingConfig, NdtConfig, PrepareConfig, RansacConfig,
+    Config, DescriptorVariant, FpfhConfig, IcpConfig, IcpMetric, IssCentre, IssConfig, Kernel,
+    Length, MatchingConfig, NdtConfig, PrepareConfig, RansacConfig,
 };
 use winze::normals::Neighbourhood;
 
@@ -67,6 +67,14 @@ pub(crate) fn iss() -> IssConfig {
         min_keypoints: 0,
         max_keypoints: 0,
         ..IssConfig::default()
+    }
+}
+
+/// The same about the neighbourhood's mean, as Open3D takes the scatter.
+pub(crate) fn iss_about_mean() -> IssConfig {
+    IssConfig {
+        centre: IssCentre::Centroid,
+        ..iss()
     }
 }
 

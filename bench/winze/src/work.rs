@@ -4,14 +4,17 @@
 //! against it. An operation is an addition, a multiplication or a comparison of one number; a division, a square root and one step of
 //! a polynomial count as one each.
 
+use anyhow::Context;
 use serde_json::{Value, json};
 use winze::config::IcpMetric;
 use winze::kdtree::KdTree;
-use winze::{icp, ndt};
+use winze::{Pose, icp, ndt};
 
 use crate::inputs::Inputs;
 use crate::settings::{self, NEAREST, SEARCH_RADIUS};
-use crate::stages::Arrays;
+use crate::stages::{Arrays, Matched};
+
+type Rows = serde_json::Map<String, Value>;
 
 /// Bytes of a point.
 const POINT: usize = 12;
@@ -42,7 +45,7 @@ pub(crate) fn of(inputs: &Inputs) -> anyhow::Result<Value> {
     let size = |name: &str| -> anyhow::Result<usize> {
         Ok(std::fs::metadata(inputs.path(name))?.len().try_into()?)
     };
-    let mut rows = serde_json::Map::new();
+    let mut rows = Rows::new();
     let mut row = |stage: &str, bytes: usize, ops: usize| {
         rows.insert(stage.to_owned(), json!({ "bytes": bytes, "ops": ops }));
     };
@@ -129,32 +132,91 @@ pub(crate) fn of(inputs: &Inputs) -> anyhow::Result<Value> {
     for stage in ["match", "match-mutual"] {
         row(stage, DESCRIPTOR * (q + k) + 8 * q, q * k * 3 * 33);
     }
-    refiners(inputs, &mut row)?;
+    // Three edges a sample on both sides, and one pose by which all pairs are counted.
+    let matched = Matched::of(inputs)?;
+    let (samples, pairs) = (
+        matched.estimate(inputs.voxel).samples as usize,
+        matched.pairs.len(),
+    );
+    row(
+        "ransac",
+        2 * POINT * pairs,
+        samples * 6 * DISTANCE + pairs * (MOVED + DISTANCE),
+    );
+    let starts = inputs.poses("start.f64")?;
+    refiners(inputs, &starts, &mut row)?;
+    let chain = chain(
+        &rows,
+        starts.len(),
+        [n, m],
+        [
+            size("query_0.f32")? / POINT,
+            size("query_thin.f32")? / POINT,
+        ],
+    )?;
+    rows.insert("chain".to_owned(), chain);
     Ok(Value::Object(rows))
 }
 
-/// The refiners, at as many iterations as each takes.
-fn refiners(inputs: &Inputs, row: &mut impl FnMut(&str, usize, usize)) -> anyhow::Result<()> {
+/// The chain's parts, from the rows of its stages, for both clouds, of which the numbers of points are given as they are and thinned.
+/// Outliers are removed from raw points; the chain refines from one start, its stages from `starts`.
+fn chain(rows: &Rows, starts: usize, map: [usize; 2], query: [usize; 2]) -> anyhow::Result<Value> {
+    let both = |of: usize| (map[of] + query[of]) as f64;
+    let times = [
+        ("outliers", both(0) / map[1] as f64),
+        ("voxel", both(0) / map[0] as f64),
+        ("normals-knn", both(1) / map[1] as f64),
+        ("iss", both(1) / map[1] as f64),
+        ("fpfh-keypoints", both(1) / map[1] as f64),
+        ("match", 1.0),
+        ("ransac", 1.0),
+        ("ndt", 1.0 / starts as f64),
+        ("icp-point", 1.0 / starts as f64),
+    ];
+    let sum = |what: &str| -> anyhow::Result<u64> {
+        let part = |(stage, times): &(&str, f64)| {
+            let row = rows.get(*stage).and_then(|row| row[what].as_f64());
+            row.map(|of_one| (of_one * times) as u64)
+                .context("a stage of the chain has no row")
+        };
+        times.iter().map(part).sum()
+    };
+    Ok(json!({ "bytes": sum("bytes")?, "ops": sum("ops")? }))
+}
+
+/// The refiners, from all starts, at as many iterations as each takes.
+fn refiners(
+    inputs: &Inputs,
+    starts: &[Pose],
+    row: &mut impl FnMut(&str, usize, usize),
+) -> anyhow::Result<()> {
     let (map, query) = (Arrays::of(inputs, "map")?, Arrays::of(inputs, "query")?);
-    let start = inputs.pose("start.f64")?;
+    let times = starts.len();
     let (map, query) = (map.as_map(), query.as_query());
     let (m, q) = (map.points.len(), query.points.len());
     let config = settings::ndt();
     let cells = ndt::levels(&map, &config);
-    let found = ndt::align(&cells, &map, &query, &start, &config);
+    let iterations: usize = starts
+        .iter()
+        .map(|start| ndt::align(&cells, &map, &query, start, &config).iterations)
+        .sum();
     // Each iteration derives once and tries a step at least once; each point meets a cell at least.
     let each = q * (2 * MOVED + CELL + 30);
     row(
         "ndt",
-        POINT * (m + q),
-        m * SCATTER + found.iterations * each,
+        times * POINT * (m + q),
+        times * m * SCATTER + iterations * each,
     );
     for (stage, metric, residual) in [
         ("icp-point", IcpMetric::PointToPoint, 2 * 3 * 3 + 12),
         ("icp-plane", IcpMetric::PointToPlane, ROW),
         ("gicp", IcpMetric::Generalized, 3 * ROW),
     ] {
-        let found = icp::align(&map, &query, &start, &settings::icp(metric));
+        let config = settings::icp(metric);
+        let iterations: usize = starts
+            .iter()
+            .map(|start| icp::align(&map, &query, start, &config).iterations)
+            .sum();
         let each = q * (MOVED + levels(m) + DISTANCE + residual);
         let tree = m * levels(m);
         // GICP makes both clouds' covariances itself.
@@ -163,7 +225,7 @@ fn refiners(inputs: &Inputs, row: &mut impl FnMut(&str, usize, usize)) -> anyhow
             IcpMetric::Generalized => (POINT * (m + q), own(m) + own(q)),
             _ => (POINT * (2 * m + q), tree),
         };
-        row(stage, bytes, made + found.iterations * each);
+        row(stage, times * bytes, times * made + iterations * each);
     }
     Ok(())
 }

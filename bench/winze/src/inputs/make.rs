@@ -18,7 +18,9 @@ use crate::settings;
 const PROBES: usize = 100_000;
 /// How far a probe lies off a point of the map along each axis, one standard deviation, metres.
 const PROBE_OFF: f64 = 0.1;
-/// How far the near start lies off the truth: metres, and degrees about the query's centroid.
+/// How many near starts there are.
+const STARTS: u64 = 4;
+/// How far each lies off the truth: metres, and degrees about the query's centroid.
 const START_OFF: (f64, f64) = (0.4, 3.0);
 const SEED: u64 = 8;
 
@@ -29,7 +31,7 @@ pub(crate) struct Question {
     pub(crate) queries: Vec<(Cloud, Pose)>,
     /// Metres.
     pub(crate) voxel: f64,
-    /// Seed of the probes and of the near start.
+    /// Seed of the probes and of the near starts.
     pub(crate) seed: u64,
 }
 
@@ -94,10 +96,8 @@ pub(crate) fn write_all(folder: &Path, question: &Question) -> anyhow::Result<()
     put("correspondences.u32", bytes(&matches))?;
     put("probes.f32", bytes(&probes(map.points(), question.seed)))?;
     put("truth.f64", bytes(&truth.to_matrix()))?;
-    put(
-        "start.f64",
-        bytes(&near(truth, query, question.seed).to_matrix()),
-    )?;
+    let starts = (0..STARTS).flat_map(|i| near(truth, query, question.seed, i).to_matrix());
+    put("start.f64", bytes(&starts.collect::<Vec<[f64; 4]>>()))?;
     let lengths = json!({
         "voxel": v,
         "search_radius": 3.0 * v,
@@ -145,9 +145,9 @@ fn probes(points: &[[f32; 3]], seed: u64) -> Vec<[f32; 3]> {
     (0..PROBES.min(points.len())).map(&mut probe).collect()
 }
 
-/// The truth a little off, in a random direction.
-fn near(truth: &Pose, query: &Cloud, seed: u64) -> Pose {
-    let mut rng = Rng::new(SEED + seed, 2);
+/// The truth a little off, each time in another random direction.
+fn near(truth: &Pose, query: &Cloud, seed: u64, time: u64) -> Pose {
+    let mut rng = Rng::new(SEED + seed, 2 + time);
     let (metres, degrees) = START_OFF;
     let shift = rng.direction().map(|v| metres * v);
     let turn = rng.direction().map(|v| degrees.to_radians() * v);
@@ -162,13 +162,19 @@ mod tests {
     use crate::inputs::{Inputs, drift};
 
     #[test]
-    fn the_near_start_is_as_far_off_as_it_says() {
+    fn the_near_starts_are_as_far_off_as_they_say_and_differ() {
         let (query, _) = Cloud::from_points(&[[5.0, 1.0, 0.0], [7.0, -1.0, 2.0]]).unwrap();
         let truth = Pose::from_rotation_vector([0.3, 0.0, 1.0], [10.0, -4.0, 2.0]);
-        let off = near(&truth, &query, 3).distance(&truth, query.centroid().unwrap());
-        assert!(
-            (off.translation - 0.4).abs() < 1e-9 && (off.rotation.to_degrees() - 3.0).abs() < 1e-6
-        );
+        let centroid = query.centroid().unwrap();
+        let starts: Vec<Pose> = (0..STARTS).map(|i| near(&truth, &query, 3, i)).collect();
+        for (i, start) in starts.iter().enumerate() {
+            let off = start.distance(&truth, centroid);
+            assert!((off.translation - 0.4).abs() < 1e-9, "{off:?}");
+            assert!((off.rotation.to_degrees() - 3.0).abs() < 1e-6, "{off:?}");
+            for other in &starts[..i] {
+                assert!(start.distance(other, centroid).translation > 0.01);
+            }
+        }
     }
 
     #[test]
@@ -209,6 +215,7 @@ mod tests {
             assert_eq!(file.cloud.points(), question.map.points(), "{name}");
             assert!(file.cloud.intensity().is_some(), "{name}");
         }
+        assert_eq!(inputs.poses("start.f64").unwrap().len(), 4);
         // But for the last digit: a pose is kept as a quaternion.
         let truth = inputs.pose("truth.f64").unwrap();
         let off = truth.distance(&question.queries[0].1, [1.0, 2.0, 3.0]);

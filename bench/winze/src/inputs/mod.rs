@@ -8,7 +8,7 @@ pub(crate) mod sim;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, bail};
+use anyhow::{Context as _, bail, ensure};
 use winze::{Cloud, Pose};
 
 use crate::arrays::{self, Number};
@@ -65,11 +65,22 @@ impl Inputs {
         Ok(Cloud::with_origin([0.0; 3], self.rows(name)?)?)
     }
 
-    pub(crate) fn pose(&self, name: &str) -> anyhow::Result<Pose> {
+    /// The poses of a file of 4 x 4 matrices.
+    pub(crate) fn poses(&self, name: &str) -> anyhow::Result<Vec<Pose>> {
         let rows: Vec<[f64; 4]> = self.rows(name)?;
-        let [a, b, c, d] = rows[..] else {
+        let (matrices, rest) = rows.as_chunks::<4>();
+        ensure!(rest.is_empty(), "{name} holds no 4 x 4 matrices");
+        matrices
+            .iter()
+            .map(|m| Ok(Pose::from_matrix(*m)?))
+            .collect()
+    }
+
+    pub(crate) fn pose(&self, name: &str) -> anyhow::Result<Pose> {
+        let poses = self.poses(name)?;
+        let [pose] = poses[..] else {
             bail!("{name} is no 4 x 4 matrix");
         };
-        Ok(Pose::from_matrix([a, b, c, d])?)
+        Ok(pose)
     }
 }

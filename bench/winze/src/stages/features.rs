@@ -20,6 +20,14 @@ pub(super) fn iss(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {
     Ok(Done::numbers(&found.indices))
 }
 
+/// What `iss` finds with the scatter about the mean, for those who take it so to be held against.
+pub(crate) fn iss_about_mean(inputs: &Inputs) -> anyhow::Result<Done> {
+    let points: Vec<[f32; 3]> = inputs.rows("map_thin.f32")?;
+    let tree = KdTree::build(&points);
+    let found = iss::keypoints(&points, &tree, &settings::iss_about_mean(), inputs.voxel);
+    Ok(Done::numbers(&found.indices))
+}
+
 pub(super) fn fpfh_all(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {
     let count = inputs.rows::<f32, 3>("map_thin.f32")?.len();
     fpfh(inputs, bench, (0u32..).take(count).collect())

@@ -13,7 +13,8 @@ use crate::arrays::{Number, bytes, flat};
 use crate::inputs::Inputs;
 use crate::measure::Bench;
 
-pub(crate) use register::Arrays;
+pub(crate) use features::iss_about_mean;
+pub(crate) use register::{Arrays, Matched};
 
 /// What came out of a stage.
 #[derive(Debug, Clone, Default)]

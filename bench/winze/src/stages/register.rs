@@ -1,4 +1,4 @@
-//! Poses from correspondences and from a near start, and the chain of all stages.
+//! Poses from correspondences and from near starts, and the chain of all stages.
 
 use std::borrow::Cow;
 
@@ -8,6 +8,7 @@ use winze::features::{Features, describe, describe_map};
 use winze::kdtree::KdTree;
 use winze::matching::{Correspondence, match_descriptors};
 use winze::prepare::{Surface, prepare};
+use winze::refine::Refined;
 use winze::{Cloud, Config, Pose};
 use winze::{icp, ndt, normals, ransac};
 
@@ -17,43 +18,56 @@ use crate::measure::Bench;
 use crate::settings;
 
 pub(super) fn ransac(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {
-    let at_keypoints = |points: &str, keypoints: &str| -> anyhow::Result<Features<'static>> {
-        let points: Vec<[f32; 3]> = inputs.rows(points)?;
-        let at = inputs
-            .indices(keypoints)?
-            .into_iter()
-            .map(|i| points[i as usize]);
-        Ok(Features {
-            points: at.collect(),
-            ..Features::default()
-        })
-    };
-    let map = at_keypoints("map_thin.f32", "map_keypoints.u32")?;
-    let query = at_keypoints("query_thin.f32", "query_keypoints.u32")?;
-    let pairs: Vec<Correspondence> = inputs
-        .rows("correspondences.u32")?
-        .into_iter()
-        .map(|[query, map]| Correspondence {
+    let matched = Matched::of(inputs)?;
+    let found = bench.run(|| Ok(matched.estimate(inputs.voxel)))?;
+    let best = found.hypotheses.first().map(|h| h.map_from_query);
+    Ok(Done::poses(&[best.unwrap_or_else(Pose::identity)], 0))
+}
+
+/// What RANSAC is given.
+pub(crate) struct Matched {
+    pub(crate) pairs: Vec<Correspondence>,
+    query: Features<'static>,
+    map: Features<'static>,
+}
+
+impl Matched {
+    pub(crate) fn of(inputs: &Inputs) -> anyhow::Result<Self> {
+        let at_keypoints = |points: &str, keypoints: &str| -> anyhow::Result<Features<'static>> {
+            let points: Vec<[f32; 3]> = inputs.rows(points)?;
+            let at = inputs
+                .indices(keypoints)?
+                .into_iter()
+                .map(|i| points[i as usize]);
+            Ok(Features {
+                points: at.collect(),
+                ..Features::default()
+            })
+        };
+        let pairs = inputs.rows("correspondences.u32")?;
+        let pair = |[query, map]: [u32; 2]| Correspondence {
             query,
             map,
             distance: 0.0,
+        };
+        Ok(Self {
+            map: at_keypoints("map_thin.f32", "map_keypoints.u32")?,
+            query: at_keypoints("query_thin.f32", "query_keypoints.u32")?,
+            pairs: pairs.into_iter().map(pair).collect(),
         })
-        .collect();
-    let config = settings::ransac();
-    let found = bench.run(|| {
-        let seed = settings::SEED;
-        Ok(ransac::estimate(
-            &pairs,
-            &query,
-            &map,
-            &config,
-            inputs.voxel,
-            seed,
+    }
+
+    pub(crate) fn estimate(&self, voxel: f64) -> ransac::Estimate {
+        ransac::estimate(
+            &self.pairs,
+            &self.query,
+            &self.map,
+            &settings::ransac(),
+            voxel,
+            settings::SEED,
             &|_| true,
-        ))
-    })?;
-    let best = found.hypotheses.first().map(|h| h.map_from_query);
-    Ok(Done::poses(&[best.unwrap_or_else(Pose::identity)], 0))
+        )
+    }
 }
 
 /// The arrays of a prepared cloud, all but its tree.
@@ -93,17 +107,27 @@ impl Arrays {
     }
 }
 
+/// Refines all near starts, one after the other: what `refine` makes is made anew for each.
+fn refined(
+    inputs: &Inputs,
+    bench: &mut Bench,
+    refine: impl Fn(&Pose) -> Refined,
+) -> anyhow::Result<Done> {
+    let starts = inputs.poses("start.f64")?;
+    let one = |start: &Pose| refine(start).map_from_query;
+    let poses = bench.run(|| Ok(starts.iter().map(one).collect::<Vec<Pose>>()))?;
+    Ok(Done::poses(&poses, 0))
+}
+
 pub(super) fn ndt(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {
     let (map, query) = (Arrays::of(inputs, "map")?, Arrays::of(inputs, "query")?);
-    let start = inputs.pose("start.f64")?;
     let config = settings::ndt();
-    let refined = bench.run(|| {
+    let done = refined(inputs, bench, |start| {
         let (map, query) = (map.as_map(), query.as_query());
         let levels = ndt::levels(&map, &config);
-        Ok(ndt::align(&levels, &map, &query, &start, &config))
+        ndt::align(&levels, &map, &query, start, &config)
     })?;
-    Ok(Done::poses(&[refined.map_from_query], 0)
-        .noted("with the map's tree and the pose's information matrix"))
+    Ok(done.noted("with the map's tree and the pose's information matrix"))
 }
 
 pub(super) fn icp_point(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {
@@ -116,7 +140,6 @@ pub(super) fn icp_plane(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Do
 
 /// With normals, and so covariances, of the nearest points made anew.
 pub(super) fn gicp(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {
-    let start = inputs.pose("start.f64")?;
     let (map, query): (Points, Points) =
         (inputs.rows("map_thin.f32")?, inputs.rows("query_thin.f32")?);
     let config = settings::icp(IcpMetric::Generalized);
@@ -131,20 +154,21 @@ pub(super) fn gicp(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {
             tree,
         }
     };
-    let refined = bench.run(|| {
+    let done = refined(inputs, bench, |start| {
         let (map, query) = (with_covariances(&map), with_covariances(&query));
-        Ok(icp::align(&map, &query, &start, &config))
+        icp::align(&map, &query, start, &config)
     })?;
-    Ok(Done::poses(&[refined.map_from_query], 0).noted("with the pose's information matrix"))
+    Ok(done.noted("with the pose's information matrix"))
 }
 
 type Points = Vec<[f32; 3]>;
 
 fn icp(inputs: &Inputs, bench: &mut Bench, config: &IcpConfig) -> anyhow::Result<Done> {
     let (map, query) = (Arrays::of(inputs, "map")?, Arrays::of(inputs, "query")?);
-    let start = inputs.pose("start.f64")?;
-    let refined = bench.run(|| Ok(icp::align(&map.as_map(), &query.as_query(), &start, config)))?;
-    Ok(Done::poses(&[refined.map_from_query], 0).noted("with the pose's information matrix"))
+    let done = refined(inputs, bench, |start| {
+        icp::align(&map.as_map(), &query.as_query(), start, config)
+    })?;
+    Ok(done.noted("with the pose's information matrix"))
 }
 
 pub(super) fn chain(inputs: &Inputs, bench: &mut Bench) -> anyhow::Result<Done> {

@@ -13,7 +13,7 @@ use crate::settings::{NEAREST, SEARCH_RADIUS};
 const AT_A_TIME: usize = 256;
 
 /// A number for each probe: `ask` gives it, with room to work in that `room` makes once a thread.
-pub(super) fn probed<T: Number + Send, R>(
+fn probed<T: Number + Send, R>(
     inputs: &Inputs,
     bench: &mut Bench,
     room: impl Fn() -> R + Sync + Send,
