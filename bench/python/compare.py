@@ -91,7 +91,7 @@ def keypoints(_inputs, theirs, ours):
 def keypoints_otherwise(inputs, theirs, ours):
     """PCL's: the scatter about the point, as winze's, but winze weights the neighbours."""
     text, comparable = keypoints(inputs, theirs, ours)
-    return text + ": the same recipe with other weights", comparable
+    return text + ": its saliency grows with the number of neighbours", comparable
 
 
 def keypoints_about_the_mean(_inputs, theirs, ours):

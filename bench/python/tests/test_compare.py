@@ -64,7 +64,7 @@ class Compare(unittest.TestCase):
         text, comparable = self.held("iss", mean[1:], points, "Open3D")
         self.assertEqual((text, comparable), ("99, 99.0% shared with winze's 100 by the scatter about the mean", True))
         self.assertFalse(self.held("iss", mean[3:], points, "Open3D")[1])
-        self.assertEqual(self.held("iss", mean, points), ("100 (+0.0%), 66.7% shared: the same recipe with other weights", True))
+        self.assertEqual(self.held("iss", mean, points), ("100 (+0.0%), 66.7% shared: its saliency grows with the number of neighbours", True))
         self.assertFalse(self.held("iss", mean[:70], points)[1])
 
     def test_a_sum_of_distances_may_be_off_by_its_terms(self):
