@@ -44,6 +44,9 @@ def floats(*values):
 
 
 plain = ("x y z", "4 4 4", "F F F", "1 1 1")
+put("kitti", "scan.bin", floats(1, 2, 3, 0.5, -4, 5, 6, 0.25))
+put("kitti", "far.bin", floats(431234.5, 4499980.5, 312, 1) * 3)
+put("kitti", "no_returns.bin", floats(0, 0, 0, 0) * 12 + floats(float("nan"), 1, 2, 3, 7, 8, 9, 1))
 put("pcd", "ascii.pcd", pcd(*plain, 3, 1, 3, "ascii") + b"1 2 3\nnan nan nan\n-4.5 1e2 0.25\n")
 put("pcd", "utm.pcd", pcd(*plain, 2, 1, 2, "ascii") + b"431234.567 4499980.459 312.1\n431235 4499981 313\n")
 put("pcd", "binary.pcd", pcd(*plain, 2, 1, 2, "binary") + floats(1, 2, 3, 4, 5, 6))

@@ -110,7 +110,7 @@ pub(crate) struct Demo {
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Locate {
-    /// The prior map: a PCD, PLY or text cloud, or a map that `winze map build` made.
+    /// The prior map: a PCD, PLY, KITTI or text cloud, or a map that `winze map build` made.
     pub(crate) map: PathBuf,
     /// The query: a cloud in a frame of its own.
     pub(crate) query: PathBuf,
@@ -347,7 +347,7 @@ pub(crate) struct Info {
 pub(crate) struct Convert {
     /// The cloud to read.
     pub(crate) input: PathBuf,
-    /// The cloud to write: .pcd, .ply, .xyz, .txt, .csv.
+    /// The cloud to write: .pcd, .ply, .bin (KITTI), .xyz, .txt, .csv.
     pub(crate) output: PathBuf,
     /// ascii, binary or compressed; the format's usual one where it is not given.
     #[arg(long, value_name = "NAME")]

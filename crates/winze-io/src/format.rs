@@ -12,6 +12,8 @@ pub enum Format {
     Pcd,
     /// Polygon File Format; its faces are ignored.
     Ply,
+    /// KITTI's Velodyne files: x, y, z and reflectance of each point as 32-bit floats, `.bin`.
+    Kitti,
     /// One point a line: `.xyz`, `.txt`, `.csv`, `.asc`, `.pts`.
     Text,
 }
@@ -28,10 +30,10 @@ pub enum Encoding {
 }
 
 /// Extensions that are read without a look at the content.
-pub(crate) const READABLE: &str = ".pcd, .ply, .xyz, .txt, .csv, .asc, .pts";
+pub(crate) const READABLE: &str = ".pcd, .ply, .bin, .xyz, .txt, .csv, .asc, .pts";
 
 /// Extensions that can be written.
-const WRITABLE: &str = ".pcd, .ply, .xyz, .txt, .csv, .asc";
+const WRITABLE: &str = ".pcd, .ply, .bin, .xyz, .txt, .csv, .asc";
 
 impl Format {
     /// The format that a file's extension names, in capitals or not.
@@ -40,6 +42,7 @@ impl Format {
         match extension(path)?.as_str() {
             "pcd" => Some(Self::Pcd),
             "ply" => Some(Self::Ply),
+            "bin" => Some(Self::Kitti),
             "xyz" | "txt" | "csv" | "asc" | "pts" => Some(Self::Text),
             _ => None,
         }
@@ -85,6 +88,7 @@ impl fmt::Display for Format {
         f.write_str(match self {
             Self::Pcd => "PCD",
             Self::Ply => "PLY",
+            Self::Kitti => "KITTI",
             Self::Text => "text",
         })
     }
@@ -146,6 +150,7 @@ mod tests {
         for (name, expected) in [
             ("a/b.PCD", Format::Pcd),
             ("b.ply", Format::Ply),
+            ("b.bin", Format::Kitti),
             ("b.csv", Format::Text),
             ("b.asc", Format::Text),
         ] {
@@ -155,7 +160,9 @@ mod tests {
             let error = Format::for_writing(Path::new(name)).unwrap_err();
             assert_eq!(
                 error.to_string(),
-                format!("{name}: unknown format; known are .pcd, .ply, .xyz, .txt, .csv, .asc")
+                format!(
+                    "{name}: unknown format; known are .pcd, .ply, .bin, .xyz, .txt, .csv, .asc"
+                )
             );
         }
     }

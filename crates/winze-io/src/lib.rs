@@ -1,4 +1,4 @@
-//! Point cloud files for [winze]: PCD, PLY and plain text to and from [`winze::Cloud`], and
+//! Point cloud files for [winze]: PCD, PLY, KITTI's and plain text to and from [`winze::Cloud`], and
 //! rigid transforms to and from text.
 //!
 //! ```
@@ -31,6 +31,7 @@ mod columns;
 mod encode;
 mod error;
 mod format;
+mod kitti;
 mod lines;
 mod lzf;
 mod narrow;

@@ -12,7 +12,7 @@ use crate::error::{Error, Fault, Result};
 use crate::format::{Format, READABLE};
 use crate::narrow::{Narrow, Opened, Source};
 use crate::raw::Raw;
-use crate::{pcd, ply, text};
+use crate::{kitti, pcd, ply, text};
 
 /// This many points at exactly (0, 0, 0) are no coincidence.
 const NO_RETURNS: usize = 10;
@@ -200,6 +200,7 @@ fn decode(
     let decoder = || match format {
         Format::Pcd => pcd::decode(bytes),
         Format::Ply => ply::decode(bytes),
+        Format::Kitti => kitti::decode(bytes),
         Format::Text => text::decode(bytes),
     };
     let finisher = || match decode_narrow(bytes, &bytes, format, options) {
@@ -224,6 +225,7 @@ fn decode_narrow(
     let (raw, narrow) = match format {
         Format::Pcd => pcd::decode_narrow(head, source)?,
         Format::Ply => ply::decode_narrow(head, source)?,
+        Format::Kitti => kitti::decode_narrow(source)?,
         Format::Text => return None,
     };
     finish_narrow(raw, narrow, format, options, source.length())
@@ -465,7 +467,7 @@ mod tests {
         );
         let error = put("d.laz", b"LASF\0\0").unwrap_err().to_string();
         assert!(
-            error.contains("unknown format; known are .pcd, .ply"),
+            error.contains("unknown format; known are .pcd, .ply, .bin"),
             "{error}"
         );
         let error = put("e.xyz", b"").unwrap_err().to_string();

@@ -5,9 +5,10 @@ use std::path::Path;
 
 use winze::Cloud;
 
+use crate::encode::needs_double;
 use crate::error::{Error, Result};
 use crate::format::{Encoding, Format, extension};
-use crate::{atomic, pcd, ply, text};
+use crate::{atomic, kitti, pcd, ply, text};
 
 /// How to write a file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -35,16 +36,16 @@ pub struct WriteReport {
 ///
 /// Binary coordinates are 32-bit floats where no coordinate moves by more than 0.1 mm, else 64-bit
 /// floats. Ascii coordinates are exact where the cloud's origin is zero, else rounded to 0.1 mm.
-/// Intensities are written where the cloud has them. The viewpoint goes into a PCD file's
+/// KITTI's files hold 32-bit floats alone. Intensities are written where the cloud has them (in KITTI's, 0 where it has none). The viewpoint goes into a PCD file's
 /// VIEWPOINT; elsewhere it is lost, as is one at exactly (0, 0, 0), PCD's default: the report's
 /// warnings say so.
 ///
 /// # Errors
 /// Where the extension names no format that can be written ([`Format::for_writing`] tells that ahead),
-/// the format does not know the encoding, or the file cannot be written.
+/// the format does not know the encoding or cannot hold the coordinates, or the file cannot be written.
 pub fn write_cloud(path: &Path, cloud: &Cloud, options: &WriteOptions) -> Result<WriteReport> {
     let format = Format::for_writing(path)?;
-    let encoding = encoding(format, options, &path.display().to_string())?;
+    let encoding = encoding(format, cloud, options, &path.display().to_string())?;
     let commas = extension(path).as_deref() == Some("csv");
     let mut bytes = 0;
     atomic::write(path, |w| {
@@ -65,23 +66,40 @@ pub fn write_cloud(path: &Path, cloud: &Cloud, options: &WriteOptions) -> Result
 /// Like [`write_cloud`], to bytes. Text gets blanks between its columns.
 ///
 /// # Errors
-/// Where the format does not know the encoding, or the cloud is too large for it.
+/// Where the format does not know the encoding or cannot hold the coordinates, or the cloud is too large for it.
 pub fn write_cloud_bytes(cloud: &Cloud, format: Format, options: &WriteOptions) -> Result<Vec<u8>> {
-    let encoding = encoding(format, options, "output")?;
+    let encoding = encoding(format, cloud, options, "output")?;
     let mut bytes = Vec::new();
     encode(&mut bytes, cloud, format, encoding, false)
         .map_err(|cause| Error::io(Path::new("output"), "be written", cause))?;
     Ok(bytes)
 }
 
-fn encoding(format: Format, options: &WriteOptions, file: &str) -> Result<Encoding> {
+fn encoding(
+    format: Format,
+    cloud: &Cloud,
+    options: &WriteOptions,
+    file: &str,
+) -> Result<Encoding> {
+    let refused = |problem: String| Error::Encoding {
+        file: file.to_owned(),
+        problem,
+    };
     let (default, others): (_, &[Encoding]) = match format {
         Format::Pcd => (Encoding::Binary, &[Encoding::Ascii, Encoding::Compressed]),
         Format::Ply => (Encoding::Binary, &[Encoding::Ascii]),
+        Format::Kitti => (Encoding::Binary, &[]),
         Format::Text => (Encoding::Ascii, &[]),
     };
     let wanted = options.encoding.unwrap_or(default);
     if wanted == default || others.contains(&wanted) {
+        if format == Format::Kitti && needs_double(cloud) {
+            return Err(refused(
+                "the coordinates do not fit KITTI's 32-bit floats to 0.1 mm; write .pcd or .ply, \
+                 or move the cloud towards the origin first"
+                    .into(),
+            ));
+        }
         return Ok(wanted);
     }
     let mut known = default.to_string();
@@ -89,10 +107,9 @@ fn encoding(format: Format, options: &WriteOptions, file: &str) -> Result<Encodi
         known.push_str(" or ");
         known.push_str(&other.to_string());
     }
-    Err(Error::Encoding {
-        file: file.to_owned(),
-        problem: format!("{format} cannot be written {wanted}; choose {known}"),
-    })
+    Err(refused(format!(
+        "{format} cannot be written {wanted}; choose {known}"
+    )))
 }
 
 fn encode(
@@ -105,6 +122,7 @@ fn encode(
     match format {
         Format::Pcd => pcd::write(w, cloud, encoding),
         Format::Ply => ply::write(w, cloud, encoding == Encoding::Ascii),
+        Format::Kitti => kitti::write(w, cloud),
         Format::Text => text::write(w, cloud, commas),
     }
 }
@@ -154,7 +172,7 @@ mod tests {
         for name in ["a.las", "a", "a.pts"] {
             let error = write(name, None).unwrap_err().to_string();
             assert!(
-                error.ends_with("known are .pcd, .ply, .xyz, .txt, .csv, .asc"),
+                error.ends_with("known are .pcd, .ply, .bin, .xyz, .txt, .csv, .asc"),
                 "{error}"
             );
         }

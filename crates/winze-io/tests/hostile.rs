@@ -44,6 +44,24 @@ fn binary_files_cut_at_any_byte_are_errors() {
 }
 
 #[test]
+fn a_kitti_file_is_cut_within_a_point_or_not_at_all() {
+    let bytes = small_file(Format::Kitti, Encoding::Binary);
+    for cut in 0..bytes.len() {
+        match read(&bytes[..cut], Format::Kitti) {
+            Ok(file) => assert_eq!(16 * file.report.points_in_file, cut),
+            Err(error) => {
+                assert!(matches!(error, Error::Truncated { .. }), "{error}");
+                assert!(cut % 16 != 0 && error.to_string().contains("takes 16 bytes"));
+            }
+        }
+    }
+    // Nothing tells another program's bytes from floats but where they lie.
+    let text = b"a file that is no cloud at all, ".repeat(40);
+    let error = read(&text, Format::Kitti).unwrap_err();
+    assert!(matches!(error, Error::Rejected { .. }), "{error}");
+}
+
+#[test]
 fn ascii_files_cut_before_their_last_number_are_errors() {
     for format in [Format::Pcd, Format::Ply] {
         let bytes = small_file(format, Encoding::Ascii);

@@ -71,6 +71,35 @@ fn small_coordinates_come_back_to_the_bit() {
 }
 
 #[test]
+fn kitti_holds_what_fits_and_refuses_the_rest() {
+    let write = |cloud: &Cloud| write_cloud_bytes(cloud, Format::Kitti, &WriteOptions::default());
+    let near = cloud([0.0; 3], true);
+    let bytes = write(&near).unwrap();
+    assert_eq!(bytes.len(), 16 * near.len());
+    assert_eq!(bytes[16..20], near.points()[1][0].to_le_bytes());
+    let back = read_cloud_bytes(&bytes, Format::Kitti, &KEEP).unwrap();
+    assert_eq!(back.cloud, near);
+    assert_eq!(back.report.fields, ["x", "y", "z", "intensity"]);
+    // Without intensities there are zeros, and none at all where there is no point.
+    let bare = write(&cloud([0.0; 3], false)).unwrap();
+    assert_eq!(bare[12..16], [0; 4]);
+    assert!(write(&Cloud::default()).unwrap().is_empty());
+    assert!(
+        read_cloud_bytes(&[], Format::Kitti, &KEEP)
+            .unwrap()
+            .cloud
+            .is_empty()
+    );
+    let far = cloud([500_000.0, 4_500_000.0, 300.0], true);
+    let error = write(&far).unwrap_err().to_string();
+    assert!(error.contains("32-bit floats") && error.contains(".pcd"), "{error}");
+    // What is far and lies on the grid of 32-bit floats is held.
+    let (steps, _) = Cloud::from_points(&[[500_000.5, 4_500_000.5, 300.25]; 3]).unwrap();
+    let back = read_cloud_bytes(&write(&steps).unwrap(), Format::Kitti, &KEEP).unwrap();
+    assert_eq!(back.cloud.points(), steps.points());
+}
+
+#[test]
 fn utm_coordinates_come_back_to_a_tenth_of_a_millimetre() {
     for (format, encoding) in ALL {
         let cloud = cloud([500_000.0, 4_500_000.0, 300.0], true);
@@ -113,7 +142,7 @@ fn files_of_every_extension_read_back() {
     let folder = tempfile::tempdir().unwrap();
     let cloud = cloud([0.0; 3], true);
     for name in [
-        "a.pcd", "a.ply", "a.xyz", "a.txt", "a.asc", "a.csv", "A.PCD",
+        "a.pcd", "a.ply", "a.bin", "a.xyz", "a.txt", "a.asc", "a.csv", "A.PCD",
     ] {
         let path = folder.path().join(name);
         let written = write_cloud(&path, &cloud, &WriteOptions::default()).unwrap();

@@ -21,7 +21,7 @@ pub(crate) use table::{Axis, Table};
 use crate::error::{Error, Fault, Result};
 use crate::format::{Format, READABLE};
 use crate::read::named;
-use crate::{pcd, ply, text};
+use crate::{kitti, pcd, ply, text};
 
 type Put<'a> = dyn FnMut(&[[f64; 3]], u64) -> std::result::Result<(), Fault> + 'a;
 
@@ -83,6 +83,7 @@ impl Identity {
 enum Kind {
     Pcd(pcd::Stream),
     Ply(ply::Stream),
+    Kitti(kitti::Stream),
     Text(text::Stream),
 }
 
@@ -133,6 +134,7 @@ impl CloudStream {
         let kind = match format {
             Format::Pcd => pcd::Stream::open(&head, &mut file, length).map(Kind::Pcd),
             Format::Ply => ply::Stream::open(&head).map(Kind::Ply),
+            Format::Kitti => kitti::Stream::open(length).map(Kind::Kitti),
             Format::Text => text::Stream::open(&head, &mut file).map(Kind::Text),
         };
         Ok(Self {
@@ -155,6 +157,7 @@ impl CloudStream {
         match self.kind {
             Kind::Pcd(_) => Format::Pcd,
             Kind::Ply(_) => Format::Ply,
+            Kind::Kitti(_) => Format::Kitti,
             Kind::Text(_) => Format::Text,
         }
     }
@@ -165,6 +168,7 @@ impl CloudStream {
         match &self.kind {
             Kind::Pcd(file) => file.encoding().to_owned(),
             Kind::Ply(file) => file.encoding().to_owned(),
+            Kind::Kitti(_) => kitti::ENCODING.to_owned(),
             Kind::Text(file) => file.encoding(),
         }
     }
@@ -181,6 +185,7 @@ impl CloudStream {
         match &self.kind {
             Kind::Pcd(file) => file.fields(),
             Kind::Ply(file) => file.fields(),
+            Kind::Kitti(_) => kitti::fields(),
             Kind::Text(file) => file.fields(),
         }
     }
@@ -190,7 +195,7 @@ impl CloudStream {
     pub fn organised(&self) -> Option<(usize, usize)> {
         match &self.kind {
             Kind::Pcd(file) => file.organised(),
-            Kind::Ply(_) | Kind::Text(_) => None,
+            Kind::Ply(_) | Kind::Kitti(_) | Kind::Text(_) => None,
         }
     }
 
@@ -199,7 +204,7 @@ impl CloudStream {
     pub fn viewpoint(&self) -> Option<[f64; 7]> {
         match &self.kind {
             Kind::Pcd(file) => file.viewpoint(),
-            Kind::Ply(_) | Kind::Text(_) => None,
+            Kind::Ply(_) | Kind::Kitti(_) | Kind::Text(_) => None,
         }
     }
 
@@ -208,7 +213,7 @@ impl CloudStream {
     pub fn seen_from(&self) -> Option<[f64; 3]> {
         match &self.kind {
             Kind::Pcd(file) => file.seen_from(),
-            Kind::Ply(_) | Kind::Text(_) => None,
+            Kind::Ply(_) | Kind::Kitti(_) | Kind::Text(_) => None,
         }
     }
 
@@ -218,6 +223,7 @@ impl CloudStream {
         match &self.kind {
             Kind::Pcd(file) => file.count(),
             Kind::Ply(file) => Some(file.count()),
+            Kind::Kitti(file) => Some(file.count()),
             Kind::Text(file) => file.count(),
         }
     }
@@ -245,6 +251,7 @@ impl CloudStream {
             match &self.kind {
                 Kind::Pcd(pcd) => pcd.scan(file, length, sink),
                 Kind::Ply(ply) => ply.scan(file, length, sink),
+                Kind::Kitti(kitti) => kitti.scan(file, sink),
                 Kind::Text(text) => text.scan(file, sink),
             }
         })
