@@ -75,12 +75,7 @@ pub fn write_cloud_bytes(cloud: &Cloud, format: Format, options: &WriteOptions) 
     Ok(bytes)
 }
 
-fn encoding(
-    format: Format,
-    cloud: &Cloud,
-    options: &WriteOptions,
-    file: &str,
-) -> Result<Encoding> {
+fn encoding(format: Format, cloud: &Cloud, options: &WriteOptions, file: &str) -> Result<Encoding> {
     let refused = |problem: String| Error::Encoding {
         file: file.to_owned(),
         problem,

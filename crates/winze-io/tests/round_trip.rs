@@ -92,7 +92,10 @@ fn kitti_holds_what_fits_and_refuses_the_rest() {
     );
     let far = cloud([500_000.0, 4_500_000.0, 300.0], true);
     let error = write(&far).unwrap_err().to_string();
-    assert!(error.contains("32-bit floats") && error.contains(".pcd"), "{error}");
+    assert!(
+        error.contains("32-bit floats") && error.contains(".pcd"),
+        "{error}"
+    );
     // What is far and lies on the grid of 32-bit floats is held.
     let (steps, _) = Cloud::from_points(&[[500_000.5, 4_500_000.5, 300.25]; 3]).unwrap();
     let back = read_cloud_bytes(&write(&steps).unwrap(), Format::Kitti, &KEEP).unwrap();

@@ -131,7 +131,10 @@ fn zoo() -> Vec<(String, Vec<u8>)> {
     );
     for points in [&small, &utm] {
         let numbers = points.iter().flat_map(|&[x, y, z]| [x, y, z, 0.5]);
-        put("a.bin", numbers.flat_map(|v| (v as f32).to_le_bytes()).collect());
+        put(
+            "a.bin",
+            numbers.flat_map(|v| (v as f32).to_le_bytes()).collect(),
+        );
     }
     put("a.asc", "\u{feff}1,5;2;3\n4;5;\n".into());
     put("a.pts", "2\r\n1 2 3\r\n4 5 6\r\n7 8 9\r\n".into());
