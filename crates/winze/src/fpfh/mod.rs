@@ -2,7 +2,7 @@
 //!
 //! For each pair of a point and a neighbour within the radius, three angles between their normals
 //! and the line that joins them go into three histograms of eleven bins: the point's SPFH. The FPFH of a
-//! keypoint sums the SPFHs of its neighbours, nearer ones more ([`DescriptorVariant`]).
+//! keypoint sums the SPFHs of its neighbours, nearer ones more ([`DescriptorVariant`](crate::config::DescriptorVariant)).
 //!
 //! Neighbours come from the whole prepared cloud, not from the keypoints alone. Normals that are
 //! undefined (`[0, 0, 0]`) take no part.
