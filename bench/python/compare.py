@@ -89,7 +89,7 @@ def keypoints(_inputs, theirs, ours):
 
 
 def keypoints_otherwise(inputs, theirs, ours):
-    """PCL's: the scatter about the point, as winze's, but winze weights the neighbours."""
+    """PCL's: the scatter about the point, as winze's, but summed over the neighbours where winze's is a mean."""
     text, comparable = keypoints(inputs, theirs, ours)
     return text + ": its saliency grows with the number of neighbours", comparable
 

@@ -42,8 +42,14 @@ pub(crate) fn ascii_rows(w: &mut dyn Write, cloud: &Cloud, delimiter: char) -> i
     Ok(())
 }
 
-/// Little endian records: x, y, z as 32-bit or 64-bit floats, then the intensity in 32 bits.
-pub(crate) fn binary_rows(w: &mut dyn Write, cloud: &Cloud, double: bool) -> io::Result<()> {
+/// Little endian records: x, y, z as 32-bit or 64-bit floats, then the intensity in 32 bits, or what stands for it where the cloud
+/// has none.
+pub(crate) fn binary_rows(
+    w: &mut dyn Write,
+    cloud: &Cloud,
+    double: bool,
+    no_intensity: Option<f32>,
+) -> io::Result<()> {
     let mut intensity = cloud.intensity().unwrap_or_default().iter();
     let mut record = Vec::with_capacity(28);
     for (i, point) in cloud.iter().enumerate() {
@@ -58,7 +64,7 @@ pub(crate) fn binary_rows(w: &mut dyn Write, cloud: &Cloud, double: bool) -> io:
                 record.extend_from_slice(&(c as f32).to_le_bytes());
             }
         }
-        if let Some(i) = intensity.next() {
+        if let Some(i) = intensity.next().copied().or(no_intensity) {
             record.extend_from_slice(&i.to_le_bytes());
         }
         w.write_all(&record)?;

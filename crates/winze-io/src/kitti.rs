@@ -5,6 +5,7 @@ use std::io::{self, Write};
 
 use winze::Cloud;
 
+use crate::encode::binary_rows;
 use crate::error::{Fault, Place};
 use crate::narrow::{self, Narrow, Records};
 use crate::raw::{Raw, point_count};
@@ -114,15 +115,5 @@ impl Stream {
 
 /// Writes a cloud whose coordinates 32-bit floats can hold, with a reflectance of 0 where it has no intensities.
 pub(crate) fn write(w: &mut dyn Write, cloud: &Cloud) -> io::Result<()> {
-    let mut intensity = cloud.intensity().unwrap_or_default().iter();
-    for (i, [x, y, z]) in cloud.iter().enumerate() {
-        if i.is_multiple_of(4096) {
-            winze::cancel::check();
-        }
-        let last = intensity.next().copied().unwrap_or_default();
-        for number in [x as f32, y as f32, z as f32, last] {
-            w.write_all(&number.to_le_bytes())?;
-        }
-    }
-    Ok(())
+    binary_rows(w, cloud, false, Some(0.0))
 }

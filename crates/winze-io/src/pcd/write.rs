@@ -14,7 +14,7 @@ pub(crate) fn write(w: &mut dyn Write, cloud: &Cloud, encoding: Encoding) -> io:
     w.write_all(header(cloud, double, encoding).as_bytes())?;
     match encoding {
         Encoding::Ascii => ascii_rows(w, cloud, ' '),
-        Encoding::Binary => binary_rows(w, cloud, double),
+        Encoding::Binary => binary_rows(w, cloud, double, None),
         Encoding::Compressed => compressed(w, cloud, double),
     }
 }

@@ -27,6 +27,6 @@ pub(crate) fn write(w: &mut dyn Write, cloud: &Cloud, ascii: bool) -> io::Result
     if ascii {
         ascii_rows(w, cloud, ' ')
     } else {
-        binary_rows(w, cloud, double)
+        binary_rows(w, cloud, double, None)
     }
 }
